@@ -1,0 +1,130 @@
+// Small vectors and symmetric tensors for inner loops: plain numbers, no allocation, no expression templates.
+//
+// A symmetric stress or strain rate has four independent numbers in plane strain (xx, yy, xy and the
+// out-of-plane zz, which is not zero: a bed under its weight presses on the glass panes too) and six in 3D.
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <cstddef>
+
+namespace dem2sph {
+
+template <int Dim>
+struct Vec {
+  static_assert(Dim >= 1 && Dim <= 3);
+  std::array<double, Dim> c{};
+  double& operator[](int i) { return c[static_cast<std::size_t>(i)]; }
+  double operator[](int i) const { return c[static_cast<std::size_t>(i)]; }
+  Vec& operator+=(const Vec& o) {
+    for (int i = 0; i < Dim; ++i) (*this)[i] += o[i];
+    return *this;
+  }
+  Vec& operator-=(const Vec& o) {
+    for (int i = 0; i < Dim; ++i) (*this)[i] -= o[i];
+    return *this;
+  }
+  Vec& operator*=(double s) {
+    for (int i = 0; i < Dim; ++i) (*this)[i] *= s;
+    return *this;
+  }
+};
+template <int Dim>
+Vec<Dim> operator+(Vec<Dim> a, const Vec<Dim>& b) {
+  return a += b;
+}
+template <int Dim>
+Vec<Dim> operator-(Vec<Dim> a, const Vec<Dim>& b) {
+  return a -= b;
+}
+template <int Dim>
+Vec<Dim> operator*(double s, Vec<Dim> a) {
+  return a *= s;
+}
+template <int Dim>
+double dot(const Vec<Dim>& a, const Vec<Dim>& b) {
+  double sum = 0;
+  for (int i = 0; i < Dim; ++i) sum += a[i] * b[i];
+  return sum;
+}
+template <int Dim>
+double norm(const Vec<Dim>& a) {
+  return std::sqrt(dot(a, a));
+}
+
+/// Velocity gradient L_ij = d v_i / d x_j [1/s].
+template <int Dim>
+struct Gradient {
+  std::array<double, Dim * Dim> c{};
+  double& operator()(int i, int j) { return c[static_cast<std::size_t>(i * Dim + j)]; }
+  double operator()(int i, int j) const { return c[static_cast<std::size_t>(i * Dim + j)]; }
+  double trace() const {
+    double sum = 0;
+    for (int i = 0; i < Dim; ++i) sum += (*this)(i, i);
+    return sum;
+  }
+};
+
+/// Symmetric tensor, diagonal first (always xx, yy, zz), then xy and, in 3D, xz, yz.
+template <int Dim>
+struct Sym {
+  static_assert(Dim == 2 || Dim == 3);
+  static constexpr int size = Dim == 2 ? 4 : 6;
+  std::array<double, size> c{};
+  double& operator[](int k) { return c[static_cast<std::size_t>(k)]; }
+  double operator[](int k) const { return c[static_cast<std::size_t>(k)]; }
+
+  static constexpr int index(int i, int j) {
+    if (i == j) return i;
+    return i + j + 2;  // (0,1) -> 3, (0,2) -> 4, (1,2) -> 5
+  }
+  double& operator()(int i, int j) { return (*this)[index(i, j)]; }
+  double operator()(int i, int j) const { return (*this)[index(i, j)]; }
+
+  double trace() const { return c[0] + c[1] + c[2]; }
+  /// Full contraction a:a; off-diagonal components count twice.
+  double square() const {
+    double sum = c[0] * c[0] + c[1] * c[1] + c[2] * c[2];
+    for (int k = 3; k < size; ++k) sum += 2 * (*this)[k] * (*this)[k];
+    return sum;
+  }
+  Sym& operator*=(double s) {
+    for (double& v : c) v *= s;
+    return *this;
+  }
+  Sym& operator+=(const Sym& o) {
+    for (int k = 0; k < size; ++k) (*this)[k] += o[k];
+    return *this;
+  }
+};
+
+/// D = sym(L), Eq. 5.2 (reconstructed, standard).
+template <int Dim>
+Sym<Dim> strain_rate(const Gradient<Dim>& l) {
+  Sym<Dim> d;
+  for (int i = 0; i < Dim; ++i)
+    for (int j = i; j < Dim; ++j) d(i, j) = 0.5 * (l(i, j) + l(j, i));
+  return d;
+}
+
+/// D' = D - tr(D)/3, with the 3 of three dimensions in plane strain too.
+template <int Dim>
+Sym<Dim> deviator(Sym<Dim> d) {
+  const double mean = d.trace() / 3;
+  for (int i = 0; i < 3; ++i) d[i] -= mean;
+  return d;
+}
+
+/// Shear rate |g| = sqrt(2 D':D') [1/s]: in simple shear, the velocity gradient.
+template <int Dim>
+double shear_rate(const Sym<Dim>& deviatoric_rate) {
+  return std::sqrt(2 * deviatoric_rate.square());
+}
+
+/// Equivalent shear stress tau = sqrt(s:s/2) [Pa].
+template <int Dim>
+double equivalent_stress(const Sym<Dim>& s) {
+  return std::sqrt(0.5 * s.square());
+}
+
+}  // namespace dem2sph
