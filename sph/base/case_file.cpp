@@ -2,13 +2,13 @@
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
+#include <toml++/toml.h>
 
 #include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <optional>
 #include <sstream>
-#include <toml++/toml.h>
 #include <utility>
 
 #include "sph/base/errors.hpp"
@@ -33,6 +33,7 @@ struct Section::State {
   std::filesystem::path folder;
   ParameterTable table;
   std::map<std::string, Value, std::less<>> values;
+  std::string lines;  // all values as TOML
 };
 
 namespace detail {
@@ -54,15 +55,24 @@ long line_of(const toml::node& node) { return static_cast<long>(node.source().be
 
 std::string kind_in_words(const Parameter& p) {
   switch (p.kind) {
-    case Kind::quantity: return fmt::format("a quantity in quotes such as \"1 {}\"", p.unit);
-    case Kind::number: return "a number";
-    case Kind::integer: return "a whole number";
-    case Kind::flag: return "true or false";
-    case Kind::word: return fmt::format("one of \"{}\"", fmt::join(p.words, "\", \""));
-    case Kind::file: return "a file name in quotes";
-    case Kind::quantities: return fmt::format("a list of quantities such as [\"1 {}\"]", p.unit);
-    case Kind::numbers: return "a list of numbers";
-    case Kind::integers: return "a list of whole numbers";
+    case Kind::quantity:
+      return fmt::format("a quantity in quotes such as \"1 {}\"", p.unit);
+    case Kind::number:
+      return "a number";
+    case Kind::integer:
+      return "a whole number";
+    case Kind::flag:
+      return "true or false";
+    case Kind::word:
+      return fmt::format("one of \"{}\"", fmt::join(p.words, "\", \""));
+    case Kind::file:
+      return "a file name in quotes";
+    case Kind::quantities:
+      return fmt::format("a list of quantities such as [\"1 {}\"]", p.unit);
+    case Kind::numbers:
+      return "a list of numbers";
+    case Kind::integers:
+      return "a list of whole numbers";
   }
   return "";
 }
@@ -88,6 +98,8 @@ double element(const toml::node& node, const Parameter& p) {
   } else if (whole) {
     const auto integer = node.value_exact<int64_t>();
     if (!integer) throw wrong();
+    if (std::llabs(*integer) > (1LL << 53))  // beyond this a double does not hold every whole number
+      throw UsageError(fmt::format("\"{}\" = {} is too large", p.name, *integer));
     value = static_cast<double>(*integer);
   } else {
     if (node.is_string())
@@ -96,9 +108,10 @@ double element(const toml::node& node, const Parameter& p) {
     if (!number || node.is_boolean()) throw wrong();
     value = *number;
   }
+  if (!std::isfinite(value)) throw UsageError(fmt::format("\"{}\" must be a finite number", p.name));
   if (!(value >= p.minimum && value <= p.maximum))
-    throw UsageError(fmt::format("\"{}\" = {:g} {} is outside [{:g}, {:g}]", p.name, value, p.unit, p.minimum,
-                                 p.maximum));
+    throw UsageError(
+        fmt::format("\"{}\" = {:g} {} is outside [{:g}, {:g}]", p.name, value, p.unit, p.minimum, p.maximum));
   return value;
 }
 
@@ -106,12 +119,14 @@ std::string written(const toml::node& node) {
   std::ostringstream out;
   node.visit([&](const auto& concrete) {
     if constexpr (toml::is_string<decltype(concrete)>)
-      out << '"' << concrete.get() << '"';
+      out << toml::toml_formatter(concrete, toml::format_flags::none);  // escapes what has to be
     else if constexpr (toml::is_array<decltype(concrete)>) {
       out << '[';
       for (std::size_t i = 0; i < concrete.size(); ++i) out << (i ? ", " : "") << written(concrete[i]);
       out << ']';
-    } else if constexpr (toml::is_value<decltype(concrete)>)
+    } else if constexpr (toml::is_floating_point<decltype(concrete)>)
+      out << fmt::format("{}", concrete.get());  // the shortest text that reads back the same
+    else if constexpr (toml::is_value<decltype(concrete)>)
       out << concrete;
   });
   return out.str();
@@ -127,7 +142,8 @@ std::string fallback_as_toml(const Parameter& p) {
 const Section::Value& Section::read(std::string_view name, Kind kind) const {
   const auto found = state_->values.find(name);
   if (found == state_->values.end() || found->second.parameter->kind != kind)
-    throw std::logic_error(fmt::format("parameter {}.{} is not declared with this kind", state_->table.section, name));
+    throw std::logic_error(
+        fmt::format("parameter {}.{} is not declared with this kind", state_->table.section, name));
   found->second.used = true;
   return found->second;
 }
@@ -153,7 +169,9 @@ std::filesystem::path Section::file(std::string_view name) const {
   const std::filesystem::path path = v.text;
   return path.is_absolute() ? path : state_->folder / path;
 }
-std::vector<double> Section::quantities(std::string_view name) const { return read(name, Kind::quantities).reals; }
+std::vector<double> Section::quantities(std::string_view name) const {
+  return read(name, Kind::quantities).reals;
+}
 std::vector<double> Section::numbers(std::string_view name) const { return read(name, Kind::numbers).reals; }
 std::vector<long> Section::integers(std::string_view name) const {
   std::vector<long> result;
@@ -173,12 +191,16 @@ void Section::refuse(std::string_view name, const std::string& message) const {
 }
 void Section::finish(const std::string& because) const {
   for (const auto& [name, value] : state_->values)
-    if (value.given && !value.used) refuse(name, fmt::format("\"{}\" changes nothing {}; remove it", name, because));
+    if (value.given && !value.used)
+      refuse(name, fmt::format("\"{}\" changes nothing {}; remove it", name, because));
 }
+
+std::string Section::text() const { return fmt::format("[{}]\n{}", state_->table.section, state_->lines); }
 
 CaseFile CaseFile::load(const std::filesystem::path& path, std::span<const std::string> overrides) {
   std::ifstream in(path);
-  if (!in) throw InputError(fmt::format("{}: cannot open the case file", path.string()));
+  if (!in || std::filesystem::is_directory(path))
+    throw InputError(fmt::format("{}: cannot open the case file", path.string()));
   std::ostringstream text;
   text << in.rdbuf();
   CaseFile file = parse(text.str(), path.string(), overrides);
@@ -186,7 +208,8 @@ CaseFile CaseFile::load(const std::filesystem::path& path, std::span<const std::
   return file;
 }
 
-CaseFile CaseFile::parse(std::string_view text, const std::string& name, std::span<const std::string> overrides) {
+CaseFile CaseFile::parse(std::string_view text, const std::string& name,
+                         std::span<const std::string> overrides) {
   CaseFile file;
   file.document_ = std::make_shared<detail::CaseDocument>();
   file.document_->name = name;
@@ -198,7 +221,8 @@ CaseFile CaseFile::parse(std::string_view text, const std::string& name, std::sp
   }
   for (const std::string& override_text : overrides) {
     const auto refuse = [&] {
-      return UsageError(fmt::format("--set {}: write section.key=value, for example --set flow.resolution=40", override_text));
+      return UsageError(fmt::format("--set {}: write section.key=value, for example --set flow.resolution=40",
+                                    override_text));
     };
     const std::size_t equals = override_text.find('=');
     if (equals == std::string::npos) throw refuse();
@@ -241,12 +265,11 @@ Section CaseFile::section(const ParameterTable& table) const {
   state.folder = document_->path.parent_path();
   state.table = table;
 
-  const toml::node_view<const toml::node> view =
-      std::as_const(document_->root).at_path(table.section);
+  const toml::node_view<const toml::node> view = std::as_const(document_->root).at_path(table.section);
   const toml::table* given = view.as_table();
   if (view && given == nullptr)
-    throw UsageError(fmt::format("{}: \"{}\" must be a section: write [{}]", place(state.file, line_of(*view.node())),
-                                 table.section, table.section));
+    throw UsageError(fmt::format("{}: \"{}\" must be a section: write [{}]",
+                                 place(state.file, line_of(*view.node())), table.section, table.section));
   if (given != nullptr) {
     std::vector<std::string> names;
     for (const Parameter& p : table.parameters) names.push_back(p.name);
@@ -256,13 +279,14 @@ Section CaseFile::section(const ParameterTable& table) const {
       for (const std::string& name : names) known = known || name == key.str();
       if (known) continue;
       const std::string near = nearest(key.str(), names);
-      throw UsageError(fmt::format("{}: [{}] unknown key \"{}\"{}", place(state.file, line_of(node)), table.section,
-                                   key.str(), near.empty() ? fmt::format("; known: {}", fmt::join(names, ", "))
-                                                           : fmt::format("; did you mean \"{}\"?", near)));
+      throw UsageError(fmt::format("{}: [{}] unknown key \"{}\"{}", place(state.file, line_of(node)),
+                                   table.section, key.str(),
+                                   near.empty() ? fmt::format("; known: {}", fmt::join(names, ", "))
+                                                : fmt::format("; did you mean \"{}\"?", near)));
     }
   }
 
-  std::string lines;
+  std::string& lines = state.lines;
   for (const Parameter& p : state.table.parameters) {
     Section::Value value;
     value.parameter = &p;
@@ -293,7 +317,8 @@ Section CaseFile::section(const ParameterTable& table) const {
           case Kind::word:
           case Kind::file: {
             const auto text = node->value_exact<std::string>();
-            if (!text || text->empty()) throw UsageError(fmt::format("\"{}\" must be {}", p.name, kind_in_words(p)));
+            if (!text || text->empty())
+              throw UsageError(fmt::format("\"{}\" must be {}", p.name, kind_in_words(p)));
             value.text = *text;
             if (p.kind == Kind::word && std::find(p.words.begin(), p.words.end(), *text) == p.words.end()) {
               const std::string near = nearest(*text, p.words);
@@ -311,10 +336,12 @@ Section CaseFile::section(const ParameterTable& table) const {
             for (const toml::node& item : *list) value.reals.push_back(element(item, p));
             break;
           }
-          default: value.reals.push_back(element(*node, p));
+          default:
+            value.reals.push_back(element(*node, p));
         }
       } catch (const UsageError& error) {
-        throw UsageError(fmt::format("{}: [{}] {}", place(state.file, value.line), table.section, error.what()));
+        throw UsageError(
+            fmt::format("{}: [{}] {}", place(state.file, value.line), table.section, error.what()));
       }
       lines += fmt::format("{} = {}{}\n", p.name, value.written, value.given ? "" : "  # default");
     }
@@ -340,14 +367,19 @@ void CaseFile::validate(std::span<const ParameterTable* const> tables) const {
       if (const toml::table* table = node.as_table()) {
         if (!known(section)) {
           const std::string near = nearest(section, names);
-          throw UsageError(fmt::format("{}: unknown section [{}]{}", place(document_->name, line_of(node)), section,
+          throw UsageError(fmt::format("{}: unknown section [{}]{}", place(document_->name, line_of(node)),
+                                       section,
                                        near.empty() ? fmt::format("; known: {}", fmt::join(names, ", "))
                                                     : fmt::format("; did you mean [{}]?", near)));
         }
         self(self, *table, section + ".");
       } else if (prefix.empty()) {
-        throw UsageError(fmt::format("{}: the key \"{}\" stands outside any section", place(document_->name, line_of(node)),
-                                     section));
+        throw UsageError(fmt::format("{}: the key \"{}\" stands outside any section",
+                                     place(document_->name, line_of(node)), section));
+      } else if (const std::string parent = prefix.substr(0, prefix.size() - 1);
+                 std::find(names.begin(), names.end(), parent) == names.end()) {
+        throw UsageError(fmt::format("{}: unknown key \"{}\": the section [{}] has only sub-sections",
+                                     place(document_->name, line_of(node)), key.str(), parent));
       }
     }
   };
@@ -368,9 +400,10 @@ std::string describe(const ParameterTable& table) {
     std::string bounds;
     if (std::isfinite(p.minimum) || std::isfinite(p.maximum))
       bounds = fmt::format(" in [{:g}, {:g}]{}", p.minimum, p.maximum, p.unit.empty() ? "" : " " + p.unit);
-    text += fmt::format("  {:<22} {}{}; {}\n  {:<22} {}\n", p.name, kind_in_words(p), bounds,
-                        p.fallback == "required" || p.fallback == "unset" ? p.fallback : "default " + p.fallback, "",
-                        p.sentence);
+    text +=
+        fmt::format("  {:<22} {}{}; {}\n  {:<22} {}\n", p.name, kind_in_words(p), bounds,
+                    p.fallback == "required" || p.fallback == "unset" ? p.fallback : "default " + p.fallback,
+                    "", p.sentence);
   }
   return text;
 }

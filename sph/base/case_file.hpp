@@ -1,5 +1,5 @@
-// The case file: TOML whose keys are declared once, in tables with name, unit, bounds, default and a sentence.
-// Reading, checking, help and the written-out effective configuration all come from these tables.
+// The case file: TOML whose keys are declared once, in tables with name, unit, bounds, default and a
+// sentence. Reading, checking, help and the written-out effective configuration all come from these tables.
 //
 //   inline const ParameterTable bed_table{"bed", "A bed of grains.", {
 //       {"height", Kind::quantity, "m", 0, 1e4, "required", "Height of the bed."},
@@ -81,6 +81,8 @@ class Section {
   /// Throws UsageError if a key is given that nobody read: an option that would change nothing is refused.
   /// `because` ends the message, for example "with stress = \"direct\"".
   void finish(const std::string& because = "in this combination") const;
+  /// The section with all its values, as TOML.
+  std::string text() const;
 
  private:
   friend class CaseFile;

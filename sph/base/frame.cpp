@@ -5,6 +5,7 @@
 #include <bit>
 #include <cstdint>
 #include <cstring>
+#include <stdexcept>
 
 #include "sph/base/errors.hpp"
 #include "sph/base/hdf5_file.hpp"
@@ -17,6 +18,21 @@ static_assert(std::endian::native == std::endian::little, "the .vtp header says 
 namespace {
 constexpr const char* format_name = "dem2sph-frame";
 constexpr int schema_version = 1;
+
+// A ragged frame would make a file that opens and shows the wrong particles.
+void check_lengths(const Frame& frame) {
+  if (frame.field("x").components != 3) throw std::logic_error("the field x must have three components");
+  for (const FrameField& f : frame.fields)
+    if (f.values.size() != frame.size() * f.components)
+      throw std::logic_error("the field " + f.name + " has another length than x");
+}
+
+std::string escaped(const std::string& text) {
+  std::string result;
+  for (const char c : text)
+    result += c == '&' ? "&amp;" : c == '<' ? "&lt;" : c == '"' ? "&quot;" : std::string(1, c);
+  return result;
+}
 }  // namespace
 
 bool Frame::has(const std::string& name) const {
@@ -36,6 +52,7 @@ const FrameField& Frame::field(const std::string& name) const {
 std::size_t Frame::size() const { return field("x").values.size() / 3; }
 
 void write_vtp(const Frame& frame, const std::filesystem::path& path) {
+  check_lengths(frame);
   const std::size_t n = frame.size();
   std::string blocks;
   const auto append = [&](const void* data, std::size_t bytes) {
@@ -92,14 +109,16 @@ _)",
 }
 
 void write_pvd(const std::vector<PvdEntry>& entries, const std::filesystem::path& path) {
-  std::string text = "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"0.1\">\n  <Collection>\n";
+  std::string text =
+      "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"0.1\">\n  <Collection>\n";
   for (const PvdEntry& e : entries)
-    text += fmt::format("    <DataSet timestep=\"{:.17g}\" file=\"{}\"/>\n", e.time, e.file);
+    text += fmt::format("    <DataSet timestep=\"{:.17g}\" file=\"{}\"/>\n", e.time, escaped(e.file));
   text += "  </Collection>\n</VTKFile>\n";
   write_file_atomically(path, text);
 }
 
 void write_frame(const Frame& frame, const std::filesystem::path& path) {
+  check_lengths(frame);
   Hdf5Writer file(path);
   file.attribute("/", "format", std::string(format_name));
   file.attribute("/", "schema_version", std::int64_t{schema_version});
@@ -123,10 +142,16 @@ Frame read_frame(const std::filesystem::path& path) {
     const std::string unit = file.unit(name);
     frame.fields.push_back({name, unit, shape.size() == 2 ? shape[1] : 1, file.doubles(name, unit)});
   }
+  const auto refuse = [&](const std::string& what) {
+    return InputError(fmt::format("{}: {}", path.string(), what));
+  };
+  if (frame.dimension != 2 && frame.dimension != 3)
+    throw refuse(fmt::format("has the dimension {}, which must be 2 or 3", frame.dimension));
+  if (!frame.has("x")) throw refuse("has no positions: the field \"x\" is missing");
   const std::size_t n = frame.size();
   for (const FrameField& f : frame.fields)
     if (f.values.size() != n * f.components)
-      throw InputError(fmt::format("{}: the field \"{}\" has another length than x", path.string(), f.name));
+      throw refuse(fmt::format("the field \"{}\" has another length than x", f.name));
   return frame;
 }
 

@@ -1,5 +1,5 @@
-// A frame: all particles at one time. The same for grains and for SPH particles, so that the same tools see both.
-// Written as .vtp (for ParaView) and .h5 (for everything else), SI throughout.
+// A frame: all particles at one time. The same for grains and for SPH particles, so that the same tools see
+// both. Written as .vtp (for ParaView) and .h5 (for everything else), SI throughout.
 #pragma once
 
 #include <filesystem>
@@ -29,7 +29,8 @@ struct Frame {
   bool has(const std::string& name) const;
 };
 
-/// Raw appended VTK PolyData with UInt64 headers: what ParaView 5.11 reads without fail (truncated files included).
+/// Raw appended VTK PolyData with UInt64 headers: what ParaView 5.11 reads without fail (truncated files
+/// included).
 void write_vtp(const Frame& frame, const std::filesystem::path& path);
 /// One dataset a field with its unit; attributes time, step, dimension.
 void write_frame(const Frame& frame, const std::filesystem::path& path);

@@ -58,7 +58,8 @@ hid_t string_type() {
   return type;
 }
 
-void put_text(hid_t object, const std::string& key, const std::string& value, const std::filesystem::path& path) {
+void put_text(hid_t object, const std::string& key, const std::string& value,
+              const std::filesystem::path& path) {
   const Handle type(string_type());
   const Handle space(H5Screate(H5S_SCALAR));
   const Handle attribute(H5Acreate2(object, key.c_str(), type.get(), space.get(), H5P_DEFAULT, H5P_DEFAULT));
@@ -73,13 +74,20 @@ void put_number(hid_t object, const std::string& key, hid_t type, const void* va
   check(attribute.ok() && H5Awrite(attribute.get(), type, value) >= 0, path, "attribute " + key);
 }
 
-hid_t create_dataset(hid_t file, const std::string& name, hid_t type, std::size_t count, std::size_t columns) {
+hid_t create_dataset(hid_t file, const std::string& name, hid_t type, std::size_t count,
+                     std::size_t columns) {
   const Handle links(H5Pcreate(H5P_LINK_CREATE));
   H5Pset_create_intermediate_group(links.get(), 1);
   const hsize_t rows = columns > 0 ? count / columns : count;
   const hsize_t sizes[2] = {rows, columns};
   const Handle space(H5Screate_simple(columns > 0 ? 2 : 1, sizes, nullptr));
   return H5Dcreate2(file, name.c_str(), type, space.get(), links.get(), H5P_DEFAULT, H5P_DEFAULT);
+}
+
+// An attribute of another file may hold a list, which would not fit where one value is read to.
+bool is_scalar(hid_t attribute) {
+  const Handle space(H5Aget_space(attribute));
+  return space.ok() && H5Sget_simple_extent_npoints(space.get()) == 1;
 }
 
 // The object `name`, made as a group if it is not there yet.
@@ -94,7 +102,8 @@ hid_t open_or_make(hid_t file, const std::string& name) {
 
 }  // namespace
 
-Hdf5Writer::Hdf5Writer(std::filesystem::path path) : path_(std::move(path)), temporary_(path_.string() + ".tmp") {
+Hdf5Writer::Hdf5Writer(std::filesystem::path path)
+    : path_(std::move(path)), temporary_(path_.string() + ".tmp") {
   silence();
   file_ = H5Fcreate(temporary_.c_str(), H5F_ACC_TRUNC, H5P_DEFAULT, H5P_DEFAULT);
   check(file_ >= 0, temporary_, "cannot create");
@@ -119,7 +128,8 @@ void Hdf5Writer::write(const std::string& name, std::span<const double> values, 
   put_text(set.get(), "unit", unit, path_);
 }
 
-void Hdf5Writer::write(const std::string& name, std::span<const std::int64_t> values, const std::string& unit) {
+void Hdf5Writer::write(const std::string& name, std::span<const std::int64_t> values,
+                       const std::string& unit) {
   if (unit.empty()) throw std::logic_error("dataset " + name + " has no unit");
   const Handle set(create_dataset(file_, name, H5T_STD_I64LE, values.size(), 0));
   check(set.ok(), path_, "dataset " + name);
@@ -163,14 +173,21 @@ void Hdf5Writer::commit() {
   const int descriptor = ::open(temporary_.c_str(), O_RDONLY | O_CLOEXEC);
   const bool flushed = descriptor >= 0 && ::fsync(descriptor) == 0;
   if (descriptor >= 0) ::close(descriptor);
-  if (!flushed) throw Error(ExitCode::bug, fmt::format("{}: cannot flush to disk", temporary_.string()));
-  std::filesystem::rename(temporary_, path_);
+  std::error_code error;
+  if (flushed) std::filesystem::rename(temporary_, path_, error);
+  if (flushed && !error) return;
+  std::error_code ignored;  // the first failure is the one to tell
+  std::filesystem::remove(temporary_, ignored);
+  throw Error(ExitCode::bug,
+              fmt::format("{}: {}", path_.string(),
+                          flushed ? "cannot rename into place: " + error.message() : "cannot flush to disk"));
 }
 
 Hdf5Reader::Hdf5Reader(std::filesystem::path path, const std::string& format, std::int64_t version)
     : path_(std::move(path)) {
   silence();
-  if (!std::filesystem::exists(path_)) fail("no such file");
+  std::error_code ignored;  // what cannot be looked at is not there for us
+  if (!std::filesystem::exists(path_, ignored)) fail("no such file");
   file_ = H5Fopen(path_.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT);
   if (file_ < 0) fail("not a complete HDF5 file (" + reason() + ")");
   try {
@@ -179,7 +196,8 @@ Hdf5Reader::Hdf5Reader(std::filesystem::path path, const std::string& format, st
     const std::int64_t found_version = integer_attribute("/", "schema_version");
     if (found_version != version)
       fail(fmt::format("has schema version {}, this program reads version {}", found_version, version));
-    if (integer_attribute("/", "complete") != 1) fail("was not written to its end");
+    if (H5Aexists(file_, "complete") <= 0 || integer_attribute("/", "complete") != 1)
+      fail("was not written to its end");
   } catch (...) {
     H5Fclose(file_);
     throw;
@@ -227,8 +245,10 @@ std::vector<std::size_t> Hdf5Reader::shape(const std::string& name) const {
   H5Sget_simple_extent_dims(space.get(), sizes, nullptr);
   // A damaged header may claim any size: it cannot exceed what the file holds.
   const hsize_t bytes = H5Dget_storage_size(set.get());
-  const hsize_t count = rank == 2 ? sizes[0] * sizes[1] : sizes[0];
-  if (count > 0 && (bytes == 0 || count > bytes)) fail("dataset \"" + name + "\" is damaged");
+  const hsize_t rows = sizes[0];
+  const hsize_t columns = rank == 2 ? sizes[1] : 1;
+  if (rows > 0 && columns > 0 && (bytes > std::filesystem::file_size(path_) || rows > bytes / columns))
+    fail("dataset \"" + name + "\" is damaged");
   std::vector<std::size_t> result(sizes, sizes + rank);
   return result;
 }
@@ -249,7 +269,8 @@ std::vector<double> Hdf5Reader::doubles(const std::string& name, const std::stri
   return values;
 }
 
-std::vector<std::int64_t> Hdf5Reader::integers(const std::string& name, const std::string& expected_unit) const {
+std::vector<std::int64_t> Hdf5Reader::integers(const std::string& name,
+                                               const std::string& expected_unit) const {
   std::size_t count = 1;
   for (const std::size_t size : shape(name)) count *= size;
   if (unit(name) != expected_unit)
@@ -287,10 +308,11 @@ std::string Hdf5Reader::text_attribute(const std::string& name, const std::strin
   const Handle attribute(H5Aopen(object.get(), key.c_str(), H5P_DEFAULT));
   if (!attribute.ok()) fail(fmt::format("\"{}\" lacks the attribute \"{}\"", name, key));
   const Handle stored(H5Aget_type(attribute.get()));
-  if (H5Tis_variable_str(stored.get()) <= 0) fail(fmt::format("attribute \"{}\" of \"{}\" is not text", key, name));
+  if (H5Tis_variable_str(stored.get()) <= 0)
+    fail(fmt::format("attribute \"{}\" of \"{}\" is not text", key, name));
   const Handle type(string_type());
   char* text = nullptr;
-  if (H5Aread(attribute.get(), type.get(), &text) < 0 || text == nullptr)
+  if (!is_scalar(attribute.get()) || H5Aread(attribute.get(), type.get(), &text) < 0 || text == nullptr)
     fail(fmt::format("attribute \"{}\" of \"{}\" cannot be read", key, name));
   std::string value = text;
   H5free_memory(text);
@@ -302,8 +324,11 @@ double Hdf5Reader::number_attribute(const std::string& name, const std::string& 
   if (!object.ok()) fail("lacks \"" + name + "\"");
   const Handle attribute(H5Aopen(object.get(), key.c_str(), H5P_DEFAULT));
   double value = 0;
-  if (!attribute.ok() || H5Aread(attribute.get(), H5T_NATIVE_DOUBLE, &value) < 0)
+  if (!attribute.ok() || !is_scalar(attribute.get()) ||
+      H5Aread(attribute.get(), H5T_NATIVE_DOUBLE, &value) < 0)
     fail(fmt::format("\"{}\" lacks the number attribute \"{}\"", name, key));
+  if (!std::isfinite(value))
+    fail(fmt::format("attribute \"{}\" of \"{}\" is not a finite number", key, name));
   return value;
 }
 
@@ -312,7 +337,8 @@ std::int64_t Hdf5Reader::integer_attribute(const std::string& name, const std::s
   if (!object.ok()) fail("lacks \"" + name + "\"");
   const Handle attribute(H5Aopen(object.get(), key.c_str(), H5P_DEFAULT));
   std::int64_t value = 0;
-  if (!attribute.ok() || H5Aread(attribute.get(), H5T_NATIVE_INT64, &value) < 0)
+  if (!attribute.ok() || !is_scalar(attribute.get()) ||
+      H5Aread(attribute.get(), H5T_NATIVE_INT64, &value) < 0)
     fail(fmt::format("\"{}\" lacks the integer attribute \"{}\"", name, key));
   return value;
 }

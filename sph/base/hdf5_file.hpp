@@ -1,5 +1,6 @@
 // HDF5 with two rules built in: every dataset has a unit, and a file is either complete or not there.
-// A file is written beside its name as `.tmp`, closed, flushed and renamed; its last attribute is `complete = 1`.
+// A file is written beside its name as `.tmp`, closed, flushed and renamed; its last attribute is `complete =
+// 1`.
 #pragma once
 
 #include <cstdint>
@@ -20,7 +21,8 @@ class Hdf5Writer {
   Hdf5Writer(const Hdf5Writer&) = delete;
   Hdf5Writer& operator=(const Hdf5Writer&) = delete;
 
-  /// `unit` may not be empty: a pure number has the unit "1". `columns` > 0 makes a table of that many columns.
+  /// `unit` may not be empty: a pure number has the unit "1". `columns` > 0 makes a table of that many
+  /// columns.
   void write(const std::string& name, std::span<const double> values, const std::string& unit,
              std::size_t columns = 0);
   void write(const std::string& name, std::span<const std::int64_t> values, const std::string& unit);

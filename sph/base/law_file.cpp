@@ -37,7 +37,32 @@ FittedLaw law_from_json(const json& j) {
 json to_json(const DataRange& range, const char* unit) {
   return {{"lowest", range.lowest}, {"highest", range.highest}, {"unit", unit}};
 }
-DataRange range_from_json(const json& j) { return {j.at("lowest").get<double>(), j.at("highest").get<double>()}; }
+
+// A unit that the file states and nobody reads would be the worst of misprints.
+void require_unit(const json& j, const char* what, const char* unit) {
+  if (j.at("unit") != unit)
+    throw InputError(fmt::format("{} has the unit {}, expected \"{}\"", what, j.at("unit").dump(), unit));
+}
+
+double value_from_json(const json& j, const char* name, const char* unit) {
+  require_unit(j.at(name), name, unit);
+  return j.at(name).at("value").get<double>();
+}
+
+DataRange range_from_json(const json& j, const char* name, const char* unit) {
+  require_unit(j.at(name), name, unit);
+  const DataRange range{j.at(name).at("lowest").get<double>(), j.at(name).at("highest").get<double>()};
+  if (!(range.lowest <= range.highest)) throw InputError(fmt::format("the range of {} is upside down", name));
+  return range;
+}
+
+// JSON has no NaN: it would be written as null, and the file could never be read again.
+void require_finite(const json& j, const std::string& where) {
+  if (j.is_number_float() && !std::isfinite(j.get<double>()))
+    throw Error(ExitCode::bug, fmt::format("law file: {} is not a finite number", where));
+  if (!j.is_structured()) return;
+  for (const auto& [key, item] : j.items()) require_finite(item, where + "/" + key);
+}
 
 }  // namespace
 
@@ -48,57 +73,59 @@ double FittedLaw::operator[](std::string_view name) const {
 }
 
 void write_law_file(const LawFile& law, const std::filesystem::path& path) {
-  const json j = {{"format", "dem2sph-law"},
-                  {"schema_version", law_schema_version},
-                  {"grains",
-                   {{"d", {{"value", law.d}, {"unit", "m"}}}, {"rho_s", {{"value", law.rho_s}, {"unit", "kg/m^3"}}}}},
-                  {"friction", to_json(law.friction)},
-                  {"solid_fraction", to_json(law.solid_fraction)},
-                  {"dilation", to_json(law.dilation)},
-                  {"covariance", {{"names", law.covariance_names}, {"matrix", law.covariance}}},
-                  {"range",
-                   {{"I", to_json(law.I, "1")},
-                    {"phi", to_json(law.phi, "1")},
-                    {"s", to_json(law.s, "1")},
-                    {"p", to_json(law.p, "Pa")}}},
-                  {"verdict", law.verdict},
-                  {"warnings", law.warnings},
-                  {"provenance", law.provenance}};
+  const json j = {
+      {"format", "dem2sph-law"},
+      {"schema_version", law_schema_version},
+      {"grains",
+       {{"d", {{"value", law.d}, {"unit", "m"}}}, {"rho_s", {{"value", law.rho_s}, {"unit", "kg/m^3"}}}}},
+      {"friction", to_json(law.friction)},
+      {"solid_fraction", to_json(law.solid_fraction)},
+      {"dilation", to_json(law.dilation)},
+      {"covariance", {{"names", law.covariance_names}, {"matrix", law.covariance}}},
+      {"range",
+       {{"I", to_json(law.I, "1")},
+        {"phi", to_json(law.phi, "1")},
+        {"s", to_json(law.s, "1")},
+        {"p", to_json(law.p, "Pa")}}},
+      {"verdict", law.verdict},
+      {"warnings", law.warnings},
+      {"provenance", law.provenance}};
+  require_finite(j, "");
   write_file_atomically(path, j.dump(2) + "\n");
 }
 
-LawFile read_law_file(const std::filesystem::path& path) {
-  const json j = read_json(path);
-  const auto refuse = [&](const std::string& what) -> InputError {
-    return InputError(fmt::format("{}: {}", path.string(), what));
-  };
-  LawFile law;
-  try {
-    if (j.at("format") != "dem2sph-law") throw refuse("is not a dem2sph law file");
-    if (j.at("schema_version") != law_schema_version)
-      throw refuse(fmt::format("has schema version {}, this program reads {}", j.at("schema_version").dump(),
-                               law_schema_version));
-    law.d = j.at("grains").at("d").at("value").get<double>();
-    law.rho_s = j.at("grains").at("rho_s").at("value").get<double>();
-    law.friction = law_from_json(j.at("friction"));
-    law.solid_fraction = law_from_json(j.at("solid_fraction"));
-    law.dilation = law_from_json(j.at("dilation"));
-    law.covariance_names = j.at("covariance").at("names").get<std::vector<std::string>>();
-    law.covariance = j.at("covariance").at("matrix").get<std::vector<std::vector<double>>>();
-    const json& range = j.at("range");
-    law.I = range_from_json(range.at("I"));
-    law.phi = range_from_json(range.at("phi"));
-    law.s = range_from_json(range.at("s"));
-    law.p = range_from_json(range.at("p"));
-    law.verdict = j.at("verdict").get<std::string>();
-    law.warnings = j.at("warnings").get<std::vector<std::string>>();
-    law.provenance = j.at("provenance");
-  } catch (const json::exception& error) {
-    throw refuse(error.what());
-  }
+namespace {
 
+LawFile law_file_from_json(const json& j) {
+  const auto refuse = [](const std::string& what) { return InputError(what); };
+  LawFile law;
+  if (j.at("format") != "dem2sph-law") throw refuse("is not a dem2sph law file");
+  if (j.at("schema_version") != law_schema_version)
+    throw refuse(fmt::format("has schema version {}, this program reads {}", j.at("schema_version").dump(),
+                             law_schema_version));
+  law.d = value_from_json(j.at("grains"), "d", "m");
+  law.rho_s = value_from_json(j.at("grains"), "rho_s", "kg/m^3");
+  law.friction = law_from_json(j.at("friction"));
+  law.solid_fraction = law_from_json(j.at("solid_fraction"));
+  law.dilation = law_from_json(j.at("dilation"));
+  law.covariance_names = j.at("covariance").at("names").get<std::vector<std::string>>();
+  law.covariance = j.at("covariance").at("matrix").get<std::vector<std::vector<double>>>();
+  const json& range = j.at("range");
+  law.I = range_from_json(range, "I", "1");
+  law.phi = range_from_json(range, "phi", "1");
+  law.s = range_from_json(range, "s", "1");
+  law.p = range_from_json(range, "p", "Pa");
+  law.verdict = j.at("verdict").get<std::string>();
+  law.warnings = j.at("warnings").get<std::vector<std::string>>();
+  law.provenance = j.at("provenance");
+
+  // Every parameter of the members below is a pure number; D* in 1/s would be a member of its own.
+  for (const FittedLaw* part : {&law.friction, &law.solid_fraction, &law.dilation})
+    for (const FittedParameter& p : part->parameters)
+      if (p.unit != "1") throw refuse(fmt::format("{} has the unit \"{}\", expected \"1\"", p.name, p.unit));
   const auto positive = [&](double value, const char* name) {
-    if (!(value > 0 && std::isfinite(value))) throw refuse(fmt::format("{} = {} must be positive", name, value));
+    if (!(value > 0 && std::isfinite(value)))
+      throw refuse(fmt::format("{} = {} must be positive", name, value));
   };
   positive(law.d, "d");
   positive(law.rho_s, "rho_s");
@@ -127,6 +154,19 @@ LawFile read_law_file(const std::filesystem::path& path) {
       if (law.covariance[i][k] != law.covariance[k][i]) throw refuse("the covariance is not symmetric");
   }
   return law;
+}
+
+}  // namespace
+
+LawFile read_law_file(const std::filesystem::path& path) {
+  const json j = read_json(path);
+  try {
+    return law_file_from_json(j);
+  } catch (const InputError& error) {
+    throw InputError(fmt::format("{}: {}", path.string(), error.what()));
+  } catch (const json::exception& error) {
+    throw InputError(fmt::format("{}: {}", path.string(), error.what()));
+  }
 }
 
 }  // namespace dem2sph

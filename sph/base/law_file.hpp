@@ -1,4 +1,5 @@
-// law.json: the calibrated material, as the fit writes it and the solver reads it. Described in calibration/README.md.
+// law.json: the calibrated material, as the fit writes it and the solver reads it. Described in
+// calibration/README.md.
 #pragma once
 
 #include <array>
@@ -42,7 +43,7 @@ struct LawFile {
   /// Order of the rows of `covariance`: names over all three laws.
   std::vector<std::string> covariance_names;
   std::vector<std::vector<double>> covariance;
-  DataRange I, phi, s, p;  ///< p in Pa
+  DataRange I, phi, s, p;             ///< p in Pa
   std::string verdict;                ///< one sentence: what the data say and do not say
   std::vector<std::string> warnings;  ///< parameters that may not be quoted alone, and why
   nlohmann::json provenance;          ///< observables with their SHA-256, run ids, program, engine

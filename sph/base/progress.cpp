@@ -58,8 +58,8 @@ void Progress::print(double fraction, const std::string& text) {
   const std::string left = share > 0.01 ? clock_text(used * (1 - share) / share) + " left" : "";
   if (terminal_) {
     const int filled = static_cast<int>(share * 24);
-    fmt::print(stderr, "\r{} [{:=<{}}{:<{}}] {:3.0f} % {} {}\033[K", title_, "", filled, "", 24 - filled, 100 * share,
-               left, text);
+    fmt::print(stderr, "\r{} [{:=<{}}{:<{}}] {:3.0f} % {} {}\033[K", title_, "", filled, "", 24 - filled,
+               100 * share, left, text);
     open_line_ = true;
   } else {
     fmt::print(stderr, "{} {:3.0f} % {} {}\n", title_, 100 * share, left, text);
@@ -71,7 +71,8 @@ void Progress::finish(const std::string& text) {
   if (quiet_) return;
   if (open_line_) fmt::print(stderr, "\r\033[K");
   open_line_ = false;
-  fmt::print(stderr, "{}: {} ({})\n", title_, text, clock_text(seconds(std::chrono::steady_clock::now() - start_)));
+  fmt::print(stderr, "{}: {} ({})\n", title_, text,
+             clock_text(seconds(std::chrono::steady_clock::now() - start_)));
 }
 
 }  // namespace dem2sph

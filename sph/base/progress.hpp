@@ -13,7 +13,8 @@ class Progress {
   ~Progress();
   Progress(const Progress&) = delete;
   Progress& operator=(const Progress&) = delete;
-  /// `fraction` in [0, 1] gives the time left; `text` follows it. Prints only when it is due, so call it freely.
+  /// `fraction` in [0, 1] gives the time left; `text` follows it. Prints only when it is due, so call it
+  /// freely.
   void update(double fraction, const std::string& text);
   /// True if an update now would be printed: spares the cost of making its text.
   bool due() const;

@@ -14,6 +14,7 @@
 #include <ctime>
 #include <fstream>
 #include <sstream>
+#include <utility>
 
 #include "sph/base/errors.hpp"
 #include "sph/base/version.hpp"
@@ -82,7 +83,8 @@ std::string sha256(std::string_view text) {
 
 std::string sha256_of_file(const std::filesystem::path& path) {
   std::ifstream in(path, std::ios::binary);
-  if (!in) throw InputError(fmt::format("{}: cannot open", path.string()));
+  if (!in || std::filesystem::is_directory(path))
+    throw InputError(fmt::format("{}: cannot open", path.string()));
   std::ostringstream content;
   content << in.rdbuf();
   return sha256(content.str());
@@ -103,23 +105,26 @@ nlohmann::json provenance() {
 
 void write_file_atomically(const std::filesystem::path& path, std::string_view text) {
   const std::filesystem::path temporary = path.string() + ".tmp";
+  int descriptor = -1;
   const auto fail = [&](const char* what) {
-    throw Error(ExitCode::bug, fmt::format("{}: {}: {}", temporary.string(), what, std::strerror(errno)));
+    const std::string why = std::strerror(errno);
+    if (descriptor >= 0) ::close(descriptor);
+    ::unlink(temporary.c_str());
+    throw Error(ExitCode::bug, fmt::format("{}: {}: {}", path.string(), what, why));
   };
-  const int descriptor = ::open(temporary.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
+  descriptor = ::open(temporary.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
   if (descriptor < 0) fail("cannot create");
   while (!text.empty()) {
     const ssize_t done = ::write(descriptor, text.data(), text.size());
     if (done < 0) {
       if (errno == EINTR) continue;
-      ::close(descriptor);
       fail("cannot write");
     }
     text.remove_prefix(static_cast<std::size_t>(done));
   }
   if (::fsync(descriptor) != 0) fail("cannot flush");
-  if (::close(descriptor) != 0) fail("cannot close");
-  std::filesystem::rename(temporary, path);
+  if (::close(std::exchange(descriptor, -1)) != 0) fail("cannot close");
+  if (::rename(temporary.c_str(), path.c_str()) != 0) fail("cannot rename into place");
 }
 
 nlohmann::json read_json(const std::filesystem::path& path) {
@@ -127,7 +132,7 @@ nlohmann::json read_json(const std::filesystem::path& path) {
   if (!in) throw InputError(fmt::format("{}: cannot open", path.string()));
   try {
     return nlohmann::json::parse(in);
-  } catch (const nlohmann::json::parse_error& error) {
+  } catch (const nlohmann::json::exception& error) {
     throw InputError(fmt::format("{}: not valid JSON: {}", path.string(), error.what()));
   }
 }

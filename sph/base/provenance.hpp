@@ -16,8 +16,8 @@ std::string sha256_of_file(const std::filesystem::path& path);
 /// Version, git revision, compiler, host, processor and time of this program's run.
 nlohmann::json provenance();
 
-/// Writes `text` to `path` through a temporary file that is flushed to disk and renamed, so that a reader or a
-/// killed run never sees half a file. Throws Error(bug) with the system's reason if the disk refuses.
+/// Writes `text` to `path` through a temporary file that is flushed to disk and renamed, so that a reader or
+/// a killed run never sees half a file. Throws Error(bug) with the system's reason if the disk refuses.
 void write_file_atomically(const std::filesystem::path& path, std::string_view text);
 
 /// Reads a JSON file. Throws InputError with path and position if it is missing or malformed.

@@ -2,6 +2,7 @@
 
 #include <fcntl.h>
 #include <fmt/format.h>
+#include <sys/prctl.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -24,16 +25,22 @@ double seconds_since(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
-double seconds(const timeval& t) { return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec); }
+double seconds(const timeval& t) {
+  return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec);
+}
 
 }  // namespace
 
 bool program_exists(const std::string& program) {
-  if (program.find('/') != std::string::npos) return ::access(program.c_str(), X_OK) == 0;
+  const auto executable = [](const std::string& path) {
+    std::error_code ignored;  // what cannot be looked at cannot be run
+    return std::filesystem::is_regular_file(path, ignored) && ::access(path.c_str(), X_OK) == 0;
+  };
+  if (program.find('/') != std::string::npos) return executable(program);
   const char* path = std::getenv("PATH");
   std::stringstream folders(path != nullptr ? path : "/usr/bin:/bin");
   for (std::string folder; std::getline(folders, folder, ':');)
-    if (::access((folder + "/" + program).c_str(), X_OK) == 0) return true;
+    if (executable(folder + "/" + program)) return true;
   return false;
 }
 
@@ -45,27 +52,50 @@ SubprocessResult run_subprocess(const std::vector<std::string>& arguments, const
   std::vector<char*> argv;
   for (const std::string& a : arguments) argv.push_back(const_cast<char*>(a.c_str()));
   argv.push_back(nullptr);
+  // A relative program is meant from our folder, not from the child's.
+  const std::string program = arguments[0].find('/') == std::string::npos
+                                  ? arguments[0]
+                                  : std::filesystem::absolute(arguments[0]).string();
   std::vector<std::string> environment;
   for (char** e = environ; *e != nullptr; ++e) {
     const std::string_view entry(*e);
-    if (!options.environment.contains(std::string(entry.substr(0, entry.find('='))))) environment.emplace_back(entry);
+    if (!options.environment.contains(std::string(entry.substr(0, entry.find('=')))))
+      environment.emplace_back(entry);
   }
   for (const auto& [key, value] : options.environment) environment.push_back(key + "=" + value);
   std::vector<char*> envp;
   for (std::string& e : environment) envp.push_back(e.data());
   envp.push_back(nullptr);
-  const std::string output = options.output.empty() ? "/dev/null" : std::filesystem::absolute(options.output).string();
+  const std::string output =
+      options.output.empty() ? "/dev/null" : std::filesystem::absolute(options.output).string();
   const std::string folder = options.folder.string();
+  if (!std::filesystem::is_directory(options.folder))
+    throw Error(ExitCode::bug, fmt::format("{}: no such folder to run {} in", folder, arguments[0]));
 
   int input[2] = {-1, -1};
   if (!options.input.empty() && ::pipe2(input, O_CLOEXEC) != 0)
     throw Error(ExitCode::bug, fmt::format("cannot make a pipe: {}", std::strerror(errno)));
 
   const auto start = std::chrono::steady_clock::now();
+  // Our own handlers would swallow a stop that reaches the child before it has become another program.
+  sigset_t stops;
+  sigset_t before;
+  sigemptyset(&stops);
+  sigaddset(&stops, SIGINT);
+  sigaddset(&stops, SIGTERM);
+  pthread_sigmask(SIG_BLOCK, &stops, &before);
   const pid_t child = ::fork();
-  if (child < 0) throw Error(ExitCode::bug, fmt::format("cannot fork: {}", std::strerror(errno)));
+  const int fork_error = errno;
+  if (child == 0) {
+    ::signal(SIGINT, SIG_DFL);
+    ::signal(SIGTERM, SIG_DFL);
+  }
+  pthread_sigmask(SIG_SETMASK, &before, nullptr);
+  if (child < 0) throw Error(ExitCode::bug, fmt::format("cannot fork: {}", std::strerror(fork_error)));
   if (child == 0) {
     ::setpgid(0, 0);
+    // If we are killed outright, the child must not write on into a folder that another process takes over.
+    ::prctl(PR_SET_PDEATHSIG, SIGKILL);
     const int in = options.input.empty() ? ::open("/dev/null", O_RDONLY) : input[0];
     const int out = ::open(output.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0644);
     if (in < 0 || out < 0 || ::dup2(in, 0) < 0 || ::dup2(out, 1) < 0 || ::dup2(out, 2) < 0 ||
@@ -75,7 +105,7 @@ SubprocessResult run_subprocess(const std::vector<std::string>& arguments, const
       const rlimit limit{options.memory_limit, options.memory_limit};
       ::setrlimit(RLIMIT_AS, &limit);
     }
-    ::execvpe(argv[0], argv.data(), envp.data());
+    ::execvpe(program.c_str(), argv.data(), envp.data());
     ::_exit(127);
   }
   ::setpgid(child, child);
@@ -122,6 +152,7 @@ SubprocessResult run_subprocess(const std::vector<std::string>& arguments, const
     std::this_thread::sleep_for(pause);
     pause = std::min(2 * pause, std::chrono::milliseconds(50));
   }
+  if (asked_to_end >= 0) ::kill(-child, SIGKILL);  // what the child itself had started and left behind
   if (feeder.joinable()) feeder.join();
   result.wall_seconds = seconds_since(start);
   result.cpu_seconds = seconds(usage.ru_utime) + seconds(usage.ru_stime);

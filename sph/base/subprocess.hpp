@@ -9,11 +9,11 @@
 namespace dem2sph {
 
 struct SubprocessOptions {
-  std::filesystem::path folder = ".";   ///< working folder of the child
-  std::filesystem::path output;         ///< where its stdout and stderr go; empty: discarded
-  std::string input;                    ///< its stdin; empty: /dev/null
-  double time_limit = 0;                ///< wall seconds; 0: none
-  std::size_t memory_limit = 0;         ///< bytes of address space; 0: none
+  std::filesystem::path folder = ".";                   ///< working folder of the child
+  std::filesystem::path output;                         ///< where its stdout and stderr go; empty: discarded
+  std::string input;                                    ///< its stdin; empty: /dev/null
+  double time_limit = 0;                                ///< wall seconds; 0: none
+  std::size_t memory_limit = 0;                         ///< bytes of address space; 0: none
   std::map<std::string, std::string> environment = {};  ///< set on top of our own
 };
 
@@ -29,8 +29,10 @@ struct SubprocessResult {
 };
 
 /// Runs `arguments` (the first is the program, looked up on the PATH) and waits. At the time limit, or when
-/// stop_requested(), the group gets SIGTERM and, 2 s later, SIGKILL. Throws Error(bug) if the system refuses to fork.
-SubprocessResult run_subprocess(const std::vector<std::string>& arguments, const SubprocessOptions& options = {});
+/// stop_requested(), the group gets SIGTERM and, 2 s later, SIGKILL. Throws Error(bug) if the system refuses
+/// to fork.
+SubprocessResult run_subprocess(const std::vector<std::string>& arguments,
+                                const SubprocessOptions& options = {});
 
 /// True if `program` is an executable, by path or on the PATH.
 bool program_exists(const std::string& program);

@@ -13,7 +13,7 @@ namespace dem2sph {
 template <int Dim>
 struct Vec {
   static_assert(Dim >= 1 && Dim <= 3);
-  std::array<double, Dim> c{};
+  std::array<double, static_cast<std::size_t>(Dim)> c{};
   double& operator[](int i) { return c[static_cast<std::size_t>(i)]; }
   double operator[](int i) const { return c[static_cast<std::size_t>(i)]; }
   Vec& operator+=(const Vec& o) {
@@ -55,7 +55,7 @@ double norm(const Vec<Dim>& a) {
 /// Velocity gradient L_ij = d v_i / d x_j [1/s].
 template <int Dim>
 struct Gradient {
-  std::array<double, Dim * Dim> c{};
+  std::array<double, std::size_t{Dim} * Dim> c{};
   double& operator()(int i, int j) { return c[static_cast<std::size_t>(i * Dim + j)]; }
   double operator()(int i, int j) const { return c[static_cast<std::size_t>(i * Dim + j)]; }
   double trace() const {
@@ -70,7 +70,7 @@ template <int Dim>
 struct Sym {
   static_assert(Dim == 2 || Dim == 3);
   static constexpr int size = Dim == 2 ? 4 : 6;
-  std::array<double, size> c{};
+  std::array<double, static_cast<std::size_t>(size)> c{};
   double& operator[](int k) { return c[static_cast<std::size_t>(k)]; }
   double operator[](int k) const { return c[static_cast<std::size_t>(k)]; }
 

@@ -91,6 +91,9 @@ Unit Unit::parse(std::string_view text) {
     const std::size_t begin = at;
     while (at < whole.size() && std::isalnum(static_cast<unsigned char>(whole[at]))) ++at;
     const std::string_view name = whole.substr(begin, at - begin);
+    if (name.empty())
+      throw UsageError(at < whole.size() ? fmt::format("unexpected \"{}\" in unit \"{}\"", whole[at], whole)
+                                         : fmt::format("unit \"{}\" ends where a name belongs", whole));
     const auto found = known_units().find(name);
     if (found == known_units().end()) {
       std::vector<std::string> names;
@@ -104,8 +107,8 @@ Unit Unit::parse(std::string_view text) {
       ++at;
       const char* first = whole.data() + at;
       const auto [end, error] = std::from_chars(first, whole.data() + whole.size(), exponent);
-      if (error != std::errc{} || std::abs(exponent) > 9)
-        throw UsageError(fmt::format("a whole exponent is missing after ^ in unit \"{}\"", whole));
+      if (error != std::errc{} || exponent < -9 || exponent > 9)
+        throw UsageError(fmt::format("^ needs a whole exponent from -9 to 9 in unit \"{}\"", whole));
       at += static_cast<std::size_t>(end - first);
     }
     exponent *= sign;
@@ -114,13 +117,14 @@ Unit Unit::parse(std::string_view text) {
     result.dimension.kilogram += exponent * found->second.dimension.kilogram;
     result.dimension.second += exponent * found->second.dimension.second;
 
+    const std::size_t end_of_factor = at;
     while (at < whole.size() && whole[at] == ' ') ++at;
     if (at == whole.size()) return result;
     sign = 1;
     if (whole[at] == '*' || whole[at] == '/') {
       sign = whole[at] == '/' ? -1 : 1;
       ++at;
-    } else if (!std::isalpha(static_cast<unsigned char>(whole[at]))) {
+    } else if (at == end_of_factor || !std::isalpha(static_cast<unsigned char>(whole[at]))) {
       throw UsageError(fmt::format("unexpected \"{}\" in unit \"{}\"", whole[at], whole));
     }
   }
@@ -131,17 +135,21 @@ double parse_quantity(std::string_view text, std::string_view expected_unit) {
   double number = 0;
   const auto [end, error] = std::from_chars(whole.data(), whole.data() + whole.size(), number);
   if (error != std::errc{} || !std::isfinite(number))
-    throw UsageError(fmt::format("\"{}\" does not start with a finite number; write for example \"1.5 {}\"", whole,
-                                 expected_unit));
+    throw UsageError(fmt::format("\"{}\" does not start with a finite number; write for example \"1.5 {}\"",
+                                 whole, expected_unit));
   const Unit expected = Unit::parse(expected_unit);
   const std::string_view rest = trimmed(whole.substr(static_cast<std::size_t>(end - whole.data())));
   if (rest.empty())
-    throw UsageError(fmt::format("\"{}\" has no unit; write for example \"{} {}\"", whole, whole, expected_unit));
+    throw UsageError(
+        fmt::format("\"{}\" has no unit; write for example \"{} {}\"", whole, whole, expected_unit));
   const Unit unit = Unit::parse(rest);
   if (unit.dimension != expected.dimension)
     throw UsageError(fmt::format("\"{}\" is {}, but {} is expected, for example \"{} {}\"", whole,
-                                 name_of(unit.dimension), name_of(expected.dimension), number, expected_unit));
-  return number * unit.factor;
+                                 name_of(unit.dimension), name_of(expected.dimension), number,
+                                 expected_unit));
+  const double value = number * unit.factor;
+  if (!std::isfinite(value)) throw UsageError(fmt::format("\"{}\" is too large for a number in SI", whole));
+  return value;
 }
 
 }  // namespace dem2sph

@@ -1,4 +1,5 @@
-// Physical quantities written as text, such as "1 mm" or "2500 kg/m^3", read into SI with their dimension checked.
+// Physical quantities written as text, such as "1 mm" or "2500 kg/m^3", read into SI with their dimension
+// checked.
 #pragma once
 
 #include <string>
@@ -15,8 +16,8 @@ struct Dimension {
 };
 
 /// Reads a unit such as "kg/m^3" and gives its factor to SI and its dimension.
-/// Grammar: names joined by `*`, `/` or a space, each with an optional `^` and a whole exponent; "1" is dimensionless.
-/// Throws UsageError for a name that is not known, with the nearest known one.
+/// Grammar: names joined by `*`, `/` or a space, each with an optional `^` and a whole exponent; "1" is
+/// dimensionless. Throws UsageError for a name that is not known, with the nearest known one.
 struct Unit {
   double factor = 1;
   Dimension dimension;

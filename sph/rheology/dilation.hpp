@@ -1,12 +1,13 @@
-// Solid fraction and dilation: phi_eq(I), and how phi and beta relax after a change (Eq. 5.22, closed from DEM).
+// Solid fraction and dilation: phi_eq(I), and how phi and beta relax after a change (Eq. 5.22, closed from
+// DEM).
 //
 //   steady:     phi_eq(I) = phi_c - b I
 //   transient:  d(phi)/ds = -(phi - phi_eq)/s*      =>      beta = -(1/phi) d(phi)/ds = (1 - phi_eq/phi)/s*
 //
-// An example: s* = 0.4, phi_eq = 0.585. A sample packed to 0.61 starts with beta = (1 - 0.585/0.61)/0.4 = 0.10: it
-// dilates and is stronger by 0.10 in mu; after a strain of 0.4 the excess has fallen to 37 % of that.
-// phi is the state, not beta: the update below is exact for constant I, stable for every increment, and the integral
-// of beta over strain is ln(phi_1/phi_2) to rounding.
+// An example: s* = 0.4, phi_eq = 0.585. A sample packed to 0.61 starts with beta = (1 - 0.585/0.61)/0.4 =
+// 0.10: it dilates and is stronger by 0.10 in mu; after a strain of 0.4 the excess has fallen to 37 % of
+// that. phi is the state, not beta: the update below is exact for constant I, stable for every increment, and
+// the integral of beta over strain is ln(phi_1/phi_2) to rounding.
 #pragma once
 
 #include <algorithm>
@@ -14,8 +15,9 @@
 
 namespace dem2sph {
 
-/// Linear solid fraction phi_eq = max(phi_c - b I, phi_min), I >= 0. The floor is where the linear law ends: as p -> 0,
-/// I diverges. phi_min = 0.4 is far below any dense flow; where it acts beta is that of a gas, which mu limits anyway.
+/// Linear solid fraction phi_eq = max(phi_c - b I, phi_min), I >= 0. The floor is where the linear law ends:
+/// as p -> 0, I diverges. phi_min = 0.4 is far below any dense flow; where it acts beta is that of a gas,
+/// which mu limits anyway.
 template <class T>
 struct LinearSolidFraction {
   T phi_c{};
@@ -25,7 +27,7 @@ struct LinearSolidFraction {
   template <class U>
   auto operator()(const U& I) const {
     const auto phi = phi_c - b * I;
-    return phi > phi_min ? phi : decltype(phi)(phi_min);
+    return phi < phi_min ? decltype(phi)(phi_min) : phi;  // so that a NaN stays one
   }
 };
 
@@ -44,11 +46,11 @@ auto dilation_rate(const T& phi, const U& phi_eq, const S& s_star) {
 
 /// The printed form of Eq. 5.22 (given), d(beta)/ds = -beta/s* + S, over an increment with constant source S.
 /// x = ds/s*; expm1 keeps it exact for x -> 0.
-template <class T, class U, class S>
-auto relax_dilation_rate(const T& beta, const U& source, const S& s_star, const S& ds) {
+template <class T, class U, class S, class V>
+auto relax_dilation_rate(const T& beta, const U& source, const S& s_star, const V& ds) {
   using std::exp;
   using std::expm1;
-  const S x = ds / s_star;
+  const auto x = ds / s_star;
   return beta * exp(-x) - source * s_star * expm1(-x);
 }
 

@@ -4,15 +4,16 @@
 //   mu = mu_l + (mu_h - mu_l) I/(I + D*) + beta
 //
 // With mu_l = 0.38, mu_h = 0.64, D* = 0.279: a slow flow (I -> 0) has 0.38, at I = D* half of the range is
-// reached, 0.51. In most of the literature the three are called mu_s, mu_2 and I_0 (Jop, Forterre, Pouliquen 2006).
+// reached, 0.51. In most of the literature the three are called mu_s, mu_2 and I_0 (Jop, Forterre, Pouliquen
+// 2006).
 #pragma once
 
 #include <cmath>
 
 namespace dem2sph {
 
-/// Inertial number I = |g| d / sqrt(p/rho_s): the time a grain needs to fall into a hole, times the shear rate.
-/// gamma_dot [1/s], p > 0 [Pa], d [m], rho_s [kg/m^3].
+/// Inertial number I = |g| d / sqrt(p/rho_s): the time a grain needs to fall into a hole, times the shear
+/// rate. gamma_dot [1/s], p > 0 [Pa], d [m], rho_s [kg/m^3].
 template <class T>
 T inertial_number(const T& gamma_dot, const T& p, double d, double rho_s) {
   using std::sqrt;

@@ -1,0 +1,227 @@
+#include "cases/chain.hpp"
+
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+
+#include <chrono>
+#include <fstream>
+#include <sstream>
+#include <thread>
+
+#include "calibration/report.hpp"
+#include "dem_bridge/sweep.hpp"
+#include "sph/base/errors.hpp"
+#include "sph/base/provenance.hpp"
+#include "sph/run_flow.hpp"
+#include "sph/scene.hpp"
+
+namespace dem2sph {
+namespace {
+
+using nlohmann::json;
+namespace fs = std::filesystem;
+
+const ParameterTable chain_table{"chain",
+                                 "How the links of `dem2sph run` belong together.",
+                                 {{"shear_cell", Kind::file, "", 0, 0, "unset",
+                                   "Case file with [material] and [shear_cell]; unset: this one."}}};
+
+struct Variant {
+  const char* folder;
+  const char* label;
+  const char* dilation;
+};
+constexpr Variant variants[] = {{"flow_without_dilation", "without dilation", "none"},
+                                {"flow_with_dilation", "with dilation (Eq. 5.22)", "evolve"}};
+
+class Stopwatch {
+ public:
+  double seconds() const {
+    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+  }
+
+ private:
+  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+};
+
+json step_json(const std::string& what, double seconds, const std::vector<std::string>& files) {
+  return {{"what", what}, {"seconds", seconds}, {"files", files}};
+}
+
+}  // namespace
+
+int jobs_or_cores(int jobs) {
+  return jobs > 0 ? jobs : static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
+}
+
+CaseFile load_case(const fs::path& path, const std::vector<std::string>& overrides) {
+  CaseFile file = CaseFile::load(path, overrides);
+  std::vector<const ParameterTable*> tables = bridge::sweep_tables();
+  for (const ParameterTable* table : flow_tables()) tables.push_back(table);
+  tables.push_back(&fit_table);
+  tables.push_back(&chain_table);
+  file.validate(tables);
+  return file;
+}
+
+CaseFile shear_cell_case(const CaseFile& file) {
+  const Section chain = file.section(chain_table);
+  const fs::path other = chain.file("shear_cell");
+  if (other.empty()) return file;
+  for (const char* section : {"material", "shear_cell"})
+    if (file.has(section))
+      chain.refuse("shear_cell",
+                   fmt::format("\"shear_cell\" names another case, so [{}] changes nothing here; "
+                               "remove one of the two",
+                               section));
+  return load_case(other, {});
+}
+
+std::string plan_chain(const CaseFile& file, const CommonOptions& options) {
+  std::string text;
+  const CaseFile cell = shear_cell_case(file);
+  if (cell.has("shear_cell"))
+    text += bridge::describe(bridge::plan_sweep(cell, "unknown"), jobs_or_cores(options.jobs));
+  if (file.has("flow")) {
+    if (file.has("law"))
+      text += plan_flow(file, law_of_case(file));
+    else
+      text += "flow: planned once its law is fitted (or give [law], or flow --law)\n";
+  }
+  if (text.empty())
+    throw UsageError(
+        fmt::format("{}: nothing to run: there is neither [shear_cell] nor [flow]", file.path().string()));
+  return text;
+}
+
+json run_chain(const fs::path& case_path, const fs::path& folder, const CommonOptions& options) {
+  const CaseFile file = load_case(case_path, options.overrides);
+  const CaseFile cell = shear_cell_case(file);
+  if (file.has("law"))
+    throw UsageError(fmt::format("{}: `run` fits the law itself; remove the section [law], or use `flow`",
+                                 case_path.string()));
+  if (!file.has("flow"))
+    throw UsageError(fmt::format("{}: `run` needs a section [flow]", case_path.string()));
+  if (file.section(*flow_tables().front()).given("dilation"))
+    throw UsageError(
+        fmt::format("{}: `run` runs the flow with and without dilation; remove flow.dilation, or use `flow`",
+                    case_path.string()));
+  const Section fit_section = file.section(fit_table);
+  const FitOptions fit_options = FitOptions::from(fit_section);
+  fs::create_directories(folder);
+  json steps = json::array();
+
+  // Grains.
+  Stopwatch sweep_time;
+  const bridge::SweepPlan plan = bridge::plan_sweep(cell, bridge::engine_version());
+  const bridge::SweepResult sweep =
+      bridge::run_sweep(plan, {folder / "shear_cell", jobs_or_cores(options.jobs), options.quiet});
+  for (const ExcludedRun& failed : sweep.failed) spdlog::warn("run {} failed: {}", failed.run, failed.reason);
+  if (sweep.exit_code() == ExitCode::interrupted)
+    throw Interrupted(
+        "another sweep still works on some of the runs; the same command goes on when it is done");
+  const fs::path observables_path = folder / "shear_cell" / "observables.h5";
+  steps.push_back(
+      step_json(fmt::format("{} shear cells in LIGGGHTS ({} run now, {} reused, {:.0f} core-seconds)",
+                            plan.runs.size(), sweep.ran, sweep.reused, sweep.cpu_seconds),
+                sweep_time.seconds(), {"shear_cell/observables.h5"}));
+
+  // Law.
+  Stopwatch fit_time;
+  const std::vector<fs::path> observables_paths{observables_path};
+  const Fit fit = fit_law({read_observables(observables_path)}, fit_options);
+  write_fit(fit, observables_paths, folder / "law.json");
+  steps.push_back(step_json("fit of the law (Ceres)", fit_time.seconds(), {"law.json", "fit.json"}));
+
+  // Flows.
+  const LawFile law = read_law_file(folder / "law.json");
+  json flows = json::array();
+  for (const Variant& variant : variants) {
+    Stopwatch flow_time;
+    std::vector<std::string> overrides = options.overrides;
+    overrides.push_back(fmt::format("flow.dilation={}", variant.dilation));
+    FlowOptions flow_options;
+    flow_options.folder = folder / variant.folder;
+    flow_options.force = options.force;
+    flow_options.reuse = true;
+    flow_options.quiet = options.quiet;
+    flow_options.threads = options.threads;
+    const json summary = run_flow(load_case(case_path, overrides), law, flow_options);
+    const std::string file_name = fmt::format("{}/summary.json", variant.folder);
+    flows.push_back({{"label", variant.label}, {"summary", file_name}});
+    steps.push_back(
+        step_json(fmt::format("flow {} ({} particles, {} steps)", variant.label,
+                              summary.at("particles").get<long>(), summary.at("steps").get<long>()),
+                  flow_time.seconds(), {file_name}));
+  }
+
+  const json run = {{"format", "dem2sph-run"},
+                    {"schema_version", 1},
+                    {"title", case_path.parent_path().filename().string()},
+                    {"case", fs::absolute(case_path).string()},
+                    {"effective", file.effective()},
+                    {"observables", {"shear_cell/observables.h5"}},
+                    {"law", "law.json"},
+                    {"fit_section", fit_section.text()},
+                    {"flows", flows},
+                    {"steps", steps},
+                    {"provenance", provenance()}};
+  write_file_atomically(folder / "run.json", run.dump(1) + "\n");
+  const fs::path page = make_report(folder);
+
+  json parameters = json::object();
+  for (const LawFit* part : {&fit.friction, &fit.solid_fraction, &fit.dilation})
+    for (const Estimate& e : part->parameters)
+      parameters[e.name] = {
+          {"value", e.value}, {"standard_error", e.standard_error}, {"low", e.low}, {"high", e.high}};
+  return {{"report", fs::absolute(page).string()},
+          {"law", fs::absolute(folder / "law.json").string()},
+          {"parameters", parameters},
+          {"verdict", fit.verdict},
+          {"failed_runs", sweep.failed.size()},
+          {"text", describe(fit)}};
+}
+
+fs::path make_report(const fs::path& folder) {
+  const fs::path path = folder / "run.json";
+  const json run = read_json(path);
+  ReportInputs inputs;
+  try {
+    if (run.at("format") != "dem2sph-run")
+      throw InputError(fmt::format("{}: is not a run of dem2sph", path.string()));
+    inputs.title = run.at("title").get<std::string>();
+    for (const json& file : run.at("observables"))
+      inputs.observables.push_back(read_observables(folder / file.get<std::string>()));
+    inputs.law = read_law_file(folder / run.at("law").get<std::string>());
+    const CaseFile fit_case = CaseFile::parse(run.at("fit_section").get<std::string>(), path.string());
+    inputs.fit = fit_law(inputs.observables, FitOptions::from(fit_case.section(fit_table)));
+    for (const json& flow : run.at("flows"))
+      inputs.flows.push_back(
+          {flow.at("label").get<std::string>(), folder / flow.at("summary").get<std::string>()});
+    for (const json& step : run.at("steps")) {
+      ReportStep entry{step.at("what").get<std::string>(), step.at("seconds").get<double>(), {}};
+      for (const json& file : step.at("files")) entry.files.push_back(folder / file.get<std::string>());
+      inputs.steps.push_back(entry);
+    }
+    inputs.provenance = run.at("provenance");
+  } catch (const json::exception& error) {
+    throw InputError(fmt::format("{}: {}", path.string(), error.what()));
+  }
+  const fs::path page = folder / "report.html";
+  write_report(inputs, page);
+  return page;
+}
+
+std::string describe(const Fit& fit) {
+  std::string text =
+      fmt::format("{:<10} {:>10} {:>10}   95 % interval\n", "parameter", "value", "std. error");
+  for (const LawFit* part : {&fit.friction, &fit.solid_fraction, &fit.dilation})
+    for (const Estimate& e : part->parameters)
+      text += e.at_bound ? fmt::format("{:<10} {:>10.4g}   held at a bound: not known from these data\n",
+                                       e.name, e.value)
+                         : fmt::format("{:<10} {:>10.4g} {:>10.2g}   {:.4g} to {:.4g}\n", e.name, e.value,
+                                       e.standard_error, e.low, e.high);
+  return text + fit.verdict + "\n";
+}
+
+}  // namespace dem2sph

@@ -1,0 +1,315 @@
+// The command line. Commands, options and exit codes are a contract: cases/README.md.
+#include <fmt/format.h>
+#include <spdlog/sinks/stdout_sinks.h>
+#include <spdlog/spdlog.h>
+
+#include <CLI/CLI.hpp>
+#include <csignal>
+#include <iostream>
+
+#include "cases/case_template.hpp"
+#include "cases/chain.hpp"
+#include "dem_bridge/sweep.hpp"
+#include "sph/base/errors.hpp"
+#include "sph/base/frame.hpp"
+#include "sph/base/progress.hpp"
+#include "sph/base/provenance.hpp"
+#include "sph/base/version.hpp"
+#include "sph/run_flow.hpp"
+#include "sph/scene.hpp"
+
+namespace dem2sph {
+namespace {
+
+using nlohmann::json;
+namespace fs = std::filesystem;
+
+struct Options : CommonOptions {
+  fs::path case_file;
+  fs::path output;
+  fs::path law;
+  fs::path frame;
+  std::vector<fs::path> observables;
+  std::string fields = "x,v,p";
+  bool as_json = false;
+  bool dry_run = false;
+};
+
+void print(const Options& options, const json& result, const std::string& text) {
+  if (options.as_json)
+    fmt::print("{}\n", result.dump(1));
+  else
+    fmt::print("{}", text);
+}
+
+json to_json(const bridge::SweepResult& result) {
+  json failed = json::array();
+  for (const ExcludedRun& run : result.failed) failed.push_back({{"run", run.run}, {"reason", run.reason}});
+  return {{"ran", result.ran},
+          {"reused", result.reused},
+          {"failed", failed},
+          {"core_seconds", result.cpu_seconds}};
+}
+
+ExitCode finish_sweep(const bridge::SweepResult& result, const Options& options) {
+  std::string text = fmt::format("{} runs done now, {} reused, {} failed; {}\n", result.ran, result.reused,
+                                 result.failed.size(), (options.output / "observables.h5").string());
+  for (const ExcludedRun& run : result.failed) text += fmt::format("  failed {}: {}\n", run.run, run.reason);
+  print(options, to_json(result), text);
+  return result.exit_code();
+}
+
+ExitCode init(const Options& options) {
+  const fs::path path = options.output / "case.toml";
+  if (fs::exists(path) && !options.force)
+    throw UsageError(fmt::format("{}: is there already; use --force to overwrite it", path.string()));
+  fs::create_directories(options.output);
+  write_file_atomically(path, case_template);
+  print(options, {{"case", path.string()}}, fmt::format("{}\n", path.string()));
+  return ExitCode::ok;
+}
+
+ExitCode plan(const Options& options) {
+  const std::string text = plan_chain(load_case(options.case_file, options.overrides), options);
+  print(options, {{"plan", text}}, text);
+  return ExitCode::ok;
+}
+
+ExitCode sweep(const Options& options) {
+  const CaseFile file = shear_cell_case(load_case(options.case_file, options.overrides));
+  if (options.dry_run) {
+    const std::string text =
+        bridge::describe(bridge::plan_sweep(file, "unknown"), jobs_or_cores(options.jobs));
+    print(options, {{"plan", text}}, text);
+    return ExitCode::ok;
+  }
+  const bridge::SweepPlan sweep_plan = bridge::plan_sweep(file, bridge::engine_version());
+  return finish_sweep(
+      bridge::run_sweep(sweep_plan, {options.output, jobs_or_cores(options.jobs), options.quiet}), options);
+}
+
+ExitCode sweep_status(const Options& options) {
+  const std::vector<bridge::RunStatus> status = bridge::sweep_status(options.output);
+  json rows = json::array();
+  for (const bridge::RunStatus& run : status)
+    rows.push_back({{"run", run.hash},
+                    {"what", run.what},
+                    {"state", bridge::name_of(run.state)},
+                    {"detail", run.detail}});
+  print(options, rows, bridge::describe(status));
+  return ExitCode::ok;
+}
+
+ExitCode sweep_retry(const Options& options) {
+  return finish_sweep(bridge::retry_sweep({options.output, jobs_or_cores(options.jobs), options.quiet}),
+                      options);
+}
+
+ExitCode fit(const Options& options) {
+  const CaseFile file = options.case_file.empty() ? CaseFile::parse("", "command line", options.overrides)
+                                                  : load_case(options.case_file, options.overrides);
+  if (fs::exists(options.output) && !options.force)
+    throw UsageError(
+        fmt::format("{}: is there already; use --force to overwrite it", options.output.string()));
+  std::vector<Observables> observables;
+  for (const fs::path& path : options.observables) observables.push_back(read_observables(path));
+  const Fit result = fit_law(observables, FitOptions::from(file.section(fit_table)));
+  write_fit(result, options.observables, options.output);
+  print(options, dem2sph::to_json(result, options.observables), describe(result));
+  return ExitCode::ok;
+}
+
+ExitCode flow(const Options& options) {
+  const CaseFile file = load_case(options.case_file, options.overrides);
+  if (!options.law.empty() && file.has("law"))
+    throw UsageError(fmt::format("{}: has a section [law], and --law was given: use one of the two",
+                                 options.case_file.string()));
+  const LawFile law = options.law.empty() ? law_of_case(file) : read_law_file(options.law);
+  if (options.dry_run) {
+    const std::string text = plan_flow(file, law);
+    print(options, {{"plan", text}}, text);
+    return ExitCode::ok;
+  }
+  FlowOptions flow_options;
+  flow_options.folder = options.output;
+  flow_options.force = options.force;
+  flow_options.quiet = options.quiet;
+  flow_options.threads = options.threads;
+  if (!options.law.empty()) flow_options.law_hash = sha256_of_file(options.law);
+  const json summary = run_flow(file, law, flow_options);
+  std::string text =
+      fmt::format("{} at t = {:.4g} s; {}\n", summary.at("ended").get<std::string>(),
+                  summary.at("time").get<double>(), (options.output / "summary.json").string());
+  if (summary.contains("deposit")) {
+    const json& deposit = summary.at("deposit");
+    text += fmt::format("run-out {:.3f} L0, centre height {:.3f} L0\n", deposit.at("runout").get<double>(),
+                        deposit.at("centre_height_over_L0").get<double>());
+  }
+  print(options, summary, text);
+  return ExitCode::ok;
+}
+
+ExitCode run(const Options& options) {
+  if (options.dry_run) return plan(options);
+  const json result = run_chain(options.case_file, options.output, options);
+  print(options, result,
+        fmt::format("\n{}\nreport: {}\n", result.at("text").get<std::string>(),
+                    result.at("report").get<std::string>()));
+  return result.at("failed_runs").get<long>() > 0 ? ExitCode::engine : ExitCode::ok;
+}
+
+ExitCode report(const Options& options) {
+  const fs::path page = make_report(options.output);
+  print(options, {{"report", page.string()}}, fmt::format("{}\n", page.string()));
+  return ExitCode::ok;
+}
+
+ExitCode export_frame(const Options& options) {
+  const Frame frame = read_frame(options.frame);
+  if (fs::exists(options.output) && !options.force)
+    throw UsageError(
+        fmt::format("{}: is there already; use --force to overwrite it", options.output.string()));
+  std::vector<const FrameField*> columns;
+  std::stringstream names(options.fields);
+  for (std::string name; std::getline(names, name, ',');) columns.push_back(&frame.field(name));
+  std::string text = fmt::format("# t = {:.17g} s\n", frame.time);
+  for (std::size_t k = 0; k < columns.size(); ++k)
+    for (std::size_t c = 0; c < columns[k]->components; ++c)
+      text += fmt::format("{}{}{} [{}]", k + c > 0 ? "," : "", columns[k]->name,
+                          columns[k]->components > 1 ? fmt::format("_{}", c) : "", columns[k]->unit);
+  text += '\n';
+  for (std::size_t i = 0; i < frame.size(); ++i) {
+    for (std::size_t k = 0; k < columns.size(); ++k)
+      for (std::size_t c = 0; c < columns[k]->components; ++c)
+        text += fmt::format("{}{:.17g}", k + c > 0 ? "," : "",
+                            columns[k]->values[i * columns[k]->components + c]);
+    text += '\n';
+  }
+  write_file_atomically(options.output, text);
+  return ExitCode::ok;
+}
+
+int program(int argc, char** argv) {
+  CLI::App app{
+      "dem2sph: from grains to flows.\nCalibrates a granular material from LIGGGHTS shear cells and runs SPH "
+      "flows with it."};
+  app.set_version_flag("--version", fmt::format("dem2sph {} ({})", version, git_revision));
+  app.require_subcommand(1);
+  app.footer(
+      "Examples:\n"
+      "  dem2sph init my_case                                  a commented case to start from\n"
+      "  dem2sph run my_case/case.toml -o out                  grains, law, flow, report\n"
+      "  dem2sph sweep cases/shear_cell/case.toml -o grains    only the grains\n"
+      "  dem2sph fit grains/observables.h5 -o law.json         only the law\n"
+      "  dem2sph flow cases/column_collapse/case.toml --law law.json -o flow --set flow.resolution=80\n"
+      "Exit codes: 0 ok, 1 bug, 2 usage or case file, 3 unreadable input, 4 LIGGGHTS, 5 numerical failure,\n"
+      "6 not identifiable, 7 validation bar missed, 75 interrupted and resumable.");
+  Options options;
+  ExitCode (*chosen)(const Options&) = nullptr;
+  const auto add = [&](CLI::App& parent, const char* name, const char* sentence,
+                       ExitCode (*function)(const Options&)) {
+    CLI::App* command = parent.add_subcommand(name, sentence);
+    command
+        ->add_option("--set", options.overrides, "Override a key of the case: section.key=value (repeatable)")
+        ->allow_extra_args(false);
+    command->add_option("--threads", options.threads, "Threads of one flow (0: as many as its size is worth)")
+        ->check(CLI::NonNegativeNumber);
+    command->add_flag("--json", options.as_json, "Print the result as JSON");
+    command->add_flag("--force", options.force, "Overwrite earlier results");
+    command->add_flag("-q,--quiet", options.quiet, "No progress");
+    command->final_callback([&chosen, function] { chosen = function; });
+    return command;
+  };
+  const auto takes_case = [&](CLI::App* command) {
+    command->add_option("CASE", options.case_file, "Case file (TOML)")->required();
+    return command;
+  };
+  const auto writes = [&](CLI::App* command, const char* sentence) {
+    command->add_option("-o,--output", options.output, sentence)->required();
+    return command;
+  };
+  const auto dry = [&](CLI::App* command) {
+    command->add_flag("--dry-run", options.dry_run, "Say what would run, and stop");
+    return command;
+  };
+  const auto parallel = [&](CLI::App* command) {
+    command->add_option("--jobs", options.jobs, "LIGGGHTS runs at once (0: one a core)")
+        ->check(CLI::NonNegativeNumber);
+    return command;
+  };
+
+  add(app, "init", "Write a commented case to start from", init)
+      ->add_option("DIR", options.output, "Folder to make")
+      ->required();
+  parallel(
+      takes_case(add(app, "plan", "Check a case; print what will run, what is left out, the cost", plan)));
+  CLI::App* sweeping = app.add_subcommand("sweep", "Run what is missing of the LIGGGHTS runs");
+  {
+    // `sweep CASE -o DIR`, or `sweep status DIR`, `sweep retry DIR`.
+    sweeping->require_subcommand(0, 1);
+    sweeping->add_option("CASE", options.case_file, "Case file (TOML)");
+    sweeping->add_option("-o,--output", options.output, "Folder for runs/ and observables.h5");
+    sweeping
+        ->add_option("--set", options.overrides, "Override a key of the case: section.key=value (repeatable)")
+        ->allow_extra_args(false);
+    sweeping->add_flag("--json", options.as_json, "Print the result as JSON");
+    sweeping->add_flag("-q,--quiet", options.quiet, "No progress");
+    dry(parallel(sweeping));
+    sweeping->final_callback([&] {
+      if (chosen == nullptr) chosen = sweep;
+    });
+    CLI::App* status = add(*sweeping, "status", "State of every run of a sweep", sweep_status);
+    status->add_option("DIR", options.output, "Folder of the sweep")->required();
+    CLI::App* retry = add(*sweeping, "retry", "Run what failed once more", sweep_retry);
+    retry->add_option("DIR", options.output, "Folder of the sweep")->required();
+    parallel(retry);
+  }
+  CLI::App* fitting = writes(add(app, "fit", "Fit the law to observables (Ceres)", fit), "Law file to write");
+  fitting->add_option("OBSERVABLES", options.observables, "observables.h5, one or more")->required();
+  fitting->add_option("--case", options.case_file, "Case file with a section [fit]");
+  dry(writes(takes_case(add(app, "flow", "Run the SPH flow of a case", flow)),
+             "Folder for summary and frames"))
+      ->add_option("--law", options.law, "Law file of a fit; without it the case needs a section [law]");
+  parallel(dry(writes(takes_case(add(app, "run", "The whole chain: grains, law, flow, report", run)),
+                      "Folder for everything")));
+  add(app, "report", "Make report.html again from a folder of `run`", report)
+      ->add_option("DIR", options.output, "Folder of `run`")
+      ->required();
+  CLI::App* exporting =
+      writes(add(app, "export", "Write a frame as text (CSV)", export_frame), "File to write");
+  exporting->add_option("FRAME", options.frame, "Frame (.h5)")->required();
+  exporting->add_option("--fields", options.fields, "Fields, separated by commas")->capture_default_str();
+
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : static_cast<int>(ExitCode::usage);
+  }
+  if (chosen == sweep && (options.case_file.empty() || options.output.empty())) {
+    fmt::print(stderr, "sweep needs a CASE and -o DIR (or: sweep status DIR, sweep retry DIR)\n");
+    return static_cast<int>(ExitCode::usage);
+  }
+  return static_cast<int>(chosen(options));
+}
+
+}  // namespace
+}  // namespace dem2sph
+
+int main(int argc, char** argv) {
+  // Results go to stdout, everything else to stderr.
+  spdlog::set_default_logger(spdlog::stderr_logger_st("dem2sph"));
+  spdlog::set_pattern("%l: %v");
+  dem2sph::install_stop_handlers();
+  try {
+    return dem2sph::program(argc, argv);
+  } catch (const dem2sph::Error& error) {
+    fmt::print(stderr, "dem2sph: {}\n", error.what());
+    return static_cast<int>(error.code());
+  } catch (const std::filesystem::filesystem_error& error) {
+    fmt::print(stderr, "dem2sph: {}\n", error.what());
+    return static_cast<int>(dem2sph::ExitCode::unreadable);
+  } catch (const std::exception& error) {
+    fmt::print(stderr, "dem2sph: this is a bug, please report it: {}\n", error.what());
+    return static_cast<int>(dem2sph::ExitCode::bug);
+  }
+}

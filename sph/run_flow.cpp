@@ -1,0 +1,391 @@
+#include "sph/run_flow.hpp"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+#ifdef _OPENMP
+#include <omp.h>
+#endif
+#include <sys/resource.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+
+#include "sph/base/deposit.hpp"
+#include "sph/base/errors.hpp"
+#include "sph/base/progress.hpp"
+#include "sph/base/provenance.hpp"
+#include "sph/base/version.hpp"
+#include "sph/flow.hpp"
+#include "sph/scene.hpp"
+
+namespace dem2sph {
+namespace {
+
+using nlohmann::json;
+namespace fs = std::filesystem;
+
+constexpr int samples = 400;             // of the time series over the whole run
+constexpr double checkpoint_every = 60;  // wall seconds
+
+double cpu_seconds() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  const auto s = [](const timeval& t) {
+    return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec);
+  };
+  return s(usage.ru_utime) + s(usage.ru_stime);
+}
+
+json to_json(const Budgets& b, int dim) {
+  std::vector<double> momentum(b.momentum.begin(), b.momentum.begin() + dim);
+  return {{"mass", b.mass},           {"momentum", momentum}, {"kinetic", b.kinetic},
+          {"potential", b.potential}, {"elastic", b.elastic}, {"dissipated", b.dissipated}};
+}
+
+// What is measured while a flow runs; the part of a run that a checkpoint must carry beside the particles.
+struct Record {
+  json series{{"time", json::array()},
+              {"front_99", json::array()},
+              {"centre_height", json::array()},
+              {"kinetic_energy", json::array()},
+              {"potential_energy", json::array()},
+              {"max_speed", json::array()},
+              {"wall_force_normal", json::array()}};
+  json profiles = json::array();
+  std::vector<PvdEntry> pvd;
+  long sampled = 0;
+  long framed = 0;
+  std::array<long, bound_names.size()> bounds{};
+  double dt_min = std::numeric_limits<double>::infinity();
+  double dt_max = 0;
+  double wall_seconds = 0;
+  double cpu_seconds = 0;
+  json initial_budgets;
+  double particle_steps = 0;
+  double pair_steps = 0;
+
+  std::string text() const {
+    json entries = json::array();
+    for (const PvdEntry& e : pvd) entries.push_back({e.time, e.file});
+    return json{{"series", series},
+                {"profiles", profiles},
+                {"pvd", entries},
+                {"sampled", sampled},
+                {"framed", framed},
+                {"bounds", bounds},
+                {"dt", {dt_min, dt_max}},
+                {"seconds", {wall_seconds, cpu_seconds}},
+                {"initial_budgets", initial_budgets},
+                {"work", {particle_steps, pair_steps}}}
+        .dump();
+  }
+  static Record from(const std::string& text) {
+    const json j = json::parse(text);
+    Record r;
+    r.series = j.at("series");
+    r.profiles = j.at("profiles");
+    for (const json& e : j.at("pvd")) r.pvd.push_back({e.at(0).get<double>(), e.at(1).get<std::string>()});
+    r.sampled = j.at("sampled").get<long>();
+    r.framed = j.at("framed").get<long>();
+    r.bounds = j.at("bounds").get<std::array<long, bound_names.size()>>();
+    r.dt_min = j.at("dt").at(0).get<double>();
+    r.dt_max = j.at("dt").at(1).get<double>();
+    r.wall_seconds = j.at("seconds").at(0).get<double>();
+    r.cpu_seconds = j.at("seconds").at(1).get<double>();
+    r.initial_budgets = j.at("initial_budgets");
+    r.particle_steps = j.at("work").at(0).get<double>();
+    r.pair_steps = j.at("work").at(1).get<double>();
+    return r;
+  }
+};
+
+// Where the strip "at the centre" ends: 3 d (definitions), but at least two particles.
+template <int Dim>
+double centre_strip(const FlowSetup<Dim>& setup) {
+  return std::max(3 * setup.material.grains.d, 2 * setup.numerics.dx);
+}
+
+template <int Dim>
+class Run {
+ public:
+  Run(const CaseFile& file, FlowSetup<Dim> setup, const FlowOptions& options)
+      : options_(options), setup_(std::move(setup)), effective_(file.effective()) {
+    key_ = sha256(effective_ + options.law_hash + law_text() + version);
+    flow_ = make_flow<Dim>(setup_);
+    choose_threads();
+  }
+
+  json go() {
+    const fs::path earlier = options_.folder / "summary.json";
+    if (options_.reuse && !options_.force && fs::exists(earlier)) {
+      json known = read_json(earlier);
+      if (known.value("configuration", "") == key_) return known;
+    }
+    prepare_folder();
+    const auto start = std::chrono::steady_clock::now();
+    const double cpu_start = cpu_seconds();
+    const double wall_before = record_.wall_seconds;
+    const double cpu_before = record_.cpu_seconds;
+    const auto elapsed = [&] {
+      return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    };
+    const auto clock = [&] {
+      record_.wall_seconds = wall_before + elapsed();
+      record_.cpu_seconds = cpu_before + cpu_seconds() - cpu_start;
+    };
+    Progress progress(fmt::format("flow {}", options_.folder.filename().string()), options_.quiet);
+    double last_checkpoint = 0;
+    const double end = setup_.end_time;
+    std::string ended = "end time reached";
+    if (record_.sampled == 0) sample();
+    if (record_.framed == 0) write_frames();
+    while (flow_->time() < end * (1 - 1e-12)) {
+      const double next_sample = end * static_cast<double>(record_.sampled) / samples;
+      const double next_frame =
+          end * static_cast<double>(record_.framed) / static_cast<double>(setup_.frames);
+      const StepInfo step =
+          flow_->step(std::max(std::min(next_sample, next_frame) - flow_->time(), 1e-9 * end / samples));
+      ++record_.bounds[static_cast<std::size_t>(step.bound)];
+      if (step.bound != Bound::output) record_.dt_min = std::min(record_.dt_min, step.dt);
+      record_.dt_max = std::max(record_.dt_max, step.dt);
+      record_.particle_steps += static_cast<double>(flow_->interior());
+      record_.pair_steps += static_cast<double>(flow_->pairs());
+      const double reached = flow_->time() + 1e-9 * end / samples;
+      bool rest = false;
+      if (reached >= next_sample) rest = sample();
+      if (reached >= next_frame) write_frames();
+      if (progress.due()) {
+        const Budgets b = flow_->budgets();
+        progress.update(flow_->time() / end,
+                        fmt::format("step {}, t = {:.4g} s, dt = {:.3g} s ({}), max |v| = {:.3g} m/s",
+                                    flow_->steps(), flow_->time(), step.dt,
+                                    bound_names[static_cast<std::size_t>(step.bound)], b.largest_speed));
+      }
+      if (stop_requested() || elapsed() - last_checkpoint > checkpoint_every) {
+        last_checkpoint = elapsed();
+        clock();
+        flow_->save(checkpoint(), key_, record_.text());
+        if (stop_requested())
+          throw Interrupted(fmt::format("{}: stopped at t = {:.4g} s; the same command goes on from there",
+                                        options_.folder.string(), flow_->time()));
+      }
+      if (rest && setup_.stop_at_rest) {
+        ended = "at rest";
+        break;
+      }
+    }
+    if (record_.pvd.back().time < flow_->time() * (1 - 1e-9)) write_frames();
+    clock();
+    const json result = summary(ended);
+    write_file_atomically(options_.folder / "summary.json", result.dump(1) + "\n");
+    std::error_code ignored;  // a checkpoint that was never needed may not exist
+    fs::remove(checkpoint(), ignored);
+    progress.finish(fmt::format("{} at t = {:.4g} s, {} steps, {:.3g} million particle-steps a second", ended,
+                                flow_->time(), flow_->steps(),
+                                1e-6 * record_.particle_steps / record_.wall_seconds));
+    return result;
+  }
+
+ private:
+  fs::path checkpoint() const { return options_.folder / "checkpoint.h5"; }
+  std::string law_text() const {
+    const Material& m = setup_.material;
+    return fmt::format("{} {} {} {} {} {} {} {}", m.friction.mu_l, m.friction.mu_h, m.friction.D_star,
+                       m.grains.d, m.grains.rho_s, m.dilation.phi_eq.phi_c, m.dilation.phi_eq.b,
+                       m.dilation.s_star);
+  }
+
+  void prepare_folder() {
+    fs::create_directories(options_.folder);
+    if (options_.force) {
+      fs::remove(options_.folder / "summary.json");
+      fs::remove(checkpoint());
+    }
+    if (fs::exists(options_.folder / "summary.json"))
+      throw UsageError(
+          fmt::format("{}: holds the results of an earlier run; use --force to overwrite them, or another -o",
+                      options_.folder.string()));
+    if (fs::exists(checkpoint())) {
+      record_ = Record::from(flow_->load(checkpoint(), key_));
+    } else {
+      fs::remove_all(options_.folder / "frames");
+      fs::create_directories(options_.folder / "frames");
+      record_.initial_budgets = to_json(flow_->budgets(), Dim);
+    }
+    write_file_atomically(options_.folder / "effective.toml", effective_);
+  }
+
+  Bodies bodies() {
+    flow_->deposit(positions_, volumes_);
+    x_.resize(positions_.size());
+    for (std::size_t i = 0; i < x_.size(); ++i) x_[i] = positions_[i][0];
+    return {x_, volumes_, setup_.numerics.dx, Dim == 3 ? setup_.period.length[Dim - 2] : 1.0};
+  }
+
+  /// Takes one sample of the series; true if the flow has come to rest.
+  bool sample() {
+    const Budgets b = flow_->budgets();
+    json& s = record_.series;
+    s["time"].push_back(flow_->time());
+    s["kinetic_energy"].push_back(b.kinetic);
+    s["potential_energy"].push_back(b.potential);
+    s["max_speed"].push_back(b.largest_speed);
+    s["wall_force_normal"].push_back(b.wall_force[Dim - 1]);
+    const Bodies heap = bodies();
+    const bool collapse = setup_.initial_length > 0;
+    s["front_99"].push_back(collapse ? front_99(heap) : 0.0);
+    s["centre_height"].push_back(
+        mean_height(heap, 0, collapse ? centre_strip(setup_) : setup_.period.length[0]));
+    ++record_.sampled;
+    const double initial = record_.initial_budgets.at("potential").get<double>();
+    // At t = 0 nothing moves either: rest counts once a free fall over H would have taken place.
+    return collapse && flow_->time() > std::sqrt(2 * setup_.length_scale / norm(setup_.gravity)) &&
+           b.kinetic < 1e-4 * std::abs(initial);
+  }
+
+  void write_frames() {
+    const std::string name = fmt::format("frame_{:05}", record_.framed);
+    const Frame frame = flow_->frame();
+    write_frame(frame, options_.folder / "frames" / (name + ".h5"));
+    write_vtp(frame, options_.folder / "frames" / (name + ".vtp"));
+    record_.pvd.push_back({flow_->time(), "frames/" + name + ".vtp"});
+    write_pvd(record_.pvd, options_.folder / "frames.pvd");
+    ++record_.framed;
+    if (setup_.initial_length > 0) {
+      const double bin = std::max(2 * setup_.material.grains.d, setup_.numerics.dx);
+      const auto bins = static_cast<std::size_t>(std::ceil(setup_.floor_end / bin));
+      const std::vector<double> height = height_profile(bodies(), 0, bin, bins);
+      std::vector<double> x(bins);
+      for (std::size_t k = 0; k < bins; ++k) x[k] = (static_cast<double>(k) + 0.5) * bin;
+      record_.profiles.push_back({{"time", flow_->time()}, {"x", x}, {"height", height}});
+    }
+  }
+
+  json summary(const std::string& ended) {
+    const Budgets b = flow_->budgets();
+    const json& before = record_.initial_budgets;
+    const double steps = static_cast<double>(flow_->steps());
+    const double total_before = before.at("kinetic").get<double>() + before.at("potential").get<double>() +
+                                before.at("elastic").get<double>();
+    const double unaccounted = total_before - b.kinetic - b.potential - b.elastic - b.dissipated;
+    json bounds;
+    for (std::size_t k = 0; k < bound_names.size(); ++k) bounds[bound_names[k]] = record_.bounds[k];
+    const double tau = std::sqrt(setup_.length_scale / norm(setup_.gravity));
+    json result = {
+        {"format", "dem2sph-summary"},
+        {"schema_version", 1},
+        {"scene", setup_.scene},
+        {"formulation", setup_.formulation},
+        {"composition", flow_->composition()},
+        {"ended", ended},
+        {"time", flow_->time()},
+        {"steps", flow_->steps()},
+        {"particles", flow_->interior()},
+        {"wall_particles", flow_->particles() - flow_->interior()},
+        {"particles_lost", 0},  // the first one ends the run with an error
+        {"threads", threads()},
+        {"wall_seconds", record_.wall_seconds},
+        {"cpu_seconds", record_.cpu_seconds},
+        {"particle_steps_per_second", record_.particle_steps / record_.wall_seconds},
+        {"pairs_per_second", record_.pair_steps / record_.wall_seconds},
+        {"bytes_per_particle", static_cast<double>(flow_->bytes()) / static_cast<double>(flow_->particles())},
+        {"dt", {{"min", record_.dt_min}, {"mean", flow_->time() / steps}, {"max", record_.dt_max}}},
+        {"dt_bounds", bounds},
+        {"budgets", {{"initial", before}, {"final", to_json(b, Dim)}, {"energy_unaccounted", unaccounted}}},
+        {"initial",
+         {{"L0", setup_.initial_length},
+          {"H0", setup_.length_scale},
+          {"solid_fraction", setup_.initial_phi}}},
+        {"time_scale", tau},
+        {"sound_speed", std::sqrt(setup_.eos.K / setup_.eos.rho0)},
+        {"dx", setup_.numerics.dx},
+        {"h", setup_.numerics.h},
+        {"series", record_.series},
+        {"profiles", record_.profiles},
+        {"law_sha256", options_.law_hash},
+        {"case_sha256", sha256(effective_)},
+                   {"configuration", key_},
+        {"provenance", provenance()}};
+    if (setup_.initial_length > 0) {
+      const double front = record_.series.at("front_99").back().get<double>();
+      const double height = record_.series.at("centre_height").back().get<double>();
+      result["deposit"] = {{"front_99", front},
+                           {"runout", (front - setup_.initial_length) / setup_.initial_length},
+                           {"centre_height", height},
+                           {"centre_height_over_L0", height / setup_.initial_length},
+                           {"time_over_tau", flow_->time() / tau}};
+    }
+    return result;
+  }
+
+  /// Threads asked for, or as many as have something to do: below some 2000 particles each, waiting for one another
+  /// costs more than it saves (about ten parallel loops a step, each of a few microseconds' start).
+  void choose_threads() const {
+#ifdef _OPENMP
+    const int useful = static_cast<int>(flow_->particles() / 2000) + 1;
+    omp_set_num_threads(options_.threads > 0 ? options_.threads : std::min(omp_get_num_procs(), useful));
+#endif
+  }
+  static int threads() {
+#ifdef _OPENMP
+    return omp_get_max_threads();
+#else
+    return 1;
+#endif
+  }
+
+  FlowOptions options_;
+  FlowSetup<Dim> setup_;
+  std::string effective_;
+  std::string key_;
+  std::unique_ptr<Flow> flow_;
+  Record record_;
+  std::vector<std::array<double, 3>> positions_;
+  std::vector<double> volumes_;
+  std::vector<double> x_;
+};
+
+template <int Dim>
+json run(const CaseFile& file, const LawFile& law, const FlowOptions& options) {
+  return Run<Dim>(file, make_setup<Dim>(file, law), options).go();
+}
+
+template <int Dim>
+std::string plan(const CaseFile& file, const LawFile& law) {
+  FlowSetup<Dim> setup = make_setup<Dim>(file, law);
+  const Ingredients use = setup.ingredients;
+  const double end = setup.end_time;
+  const double dx = setup.numerics.dx;
+  const double step_estimate =
+      0.25 * setup.numerics.h * setup.numerics.step_factor /
+      std::sqrt(setup.eos.K * (1 + 4.0 / 3 * setup.numerics.G_over_K) / setup.eos.rho0);
+  const std::unique_ptr<Flow> flow = make_flow<Dim>(std::move(setup));
+  std::string text = fmt::format("flow: {}\n", fmt::join(flow->composition(), ", "));
+  text += fmt::format("  particles      {} inside, {} in walls, spacing {:.4g} m\n", flow->interior(),
+                      flow->particles() - flow->interior(), dx);
+  text += fmt::format("  memory         {} bytes a particle\n", flow->bytes() / flow->particles());
+  const double steps = end / step_estimate;
+  text += fmt::format("  steps          about {:.0f} to t = {:.4g} s (sound bound {:.3g} s)\n", steps, end,
+                      step_estimate);
+  text += fmt::format("  particle-steps about {:.2g}\n", steps * static_cast<double>(flow->interior()));
+  if (use.dilation == "none")
+    text += "  left out       phi, beta: 16 bytes a particle, the Newton of the return\n";
+  if (use.damping == "none") text += "  left out       damping: about 12 flops a pair\n";
+  if (use.stress == "direct") text += "  left out       elastic predictor and its rotation\n";
+  if (use.density != "summation_shepard")
+    text += "  left out       the two summation passes and wall-wall pairs\n";
+  return text;
+}
+
+}  // namespace
+
+json run_flow(const CaseFile& file, const LawFile& law, const FlowOptions& options) {
+  return flow_dimension(file) == 3 ? run<3>(file, law, options) : run<2>(file, law, options);
+}
+
+std::string plan_flow(const CaseFile& file, const LawFile& law) {
+  return flow_dimension(file) == 3 ? plan<3>(file, law) : plan<2>(file, law);
+}
+
+}  // namespace dem2sph

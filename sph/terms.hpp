@@ -1,0 +1,109 @@
+// One function per term of the equations: what one pair (a, b), or one particle, contributes. No loops, no
+// arrays.
+#pragma once
+
+#include <cmath>
+
+#include "sph/base/tensor.hpp"
+
+namespace dem2sph {
+
+/// A pair as particle a sees it: r = x_a - x_b, grad_a W = r F.
+template <int Dim>
+struct Pair {
+  Vec<Dim> r;
+  double distance = 0;
+  double w = 0;     ///< W
+  Vec<Dim> grad_w;  ///< gradient of W with respect to x_a
+  double f = 0;     ///< F <= 0
+};
+
+/// Eq. 5.21 (given): L_a += (m_b/rho_b) (v_b - v_a) (x) grad_a W.
+template <int Dim>
+void add_velocity_gradient(Gradient<Dim>& l, double volume_b, const Vec<Dim>& v_b_minus_v_a,
+                           const Pair<Dim>& pair) {
+  for (int i = 0; i < Dim; ++i)
+    for (int j = 0; j < Dim; ++j) l(i, j) += volume_b * v_b_minus_v_a[i] * pair.grad_w[j];
+}
+
+/// Eq. 5.20 (given; the print lost m_b): a_a += m_b (sigma_a/rho_a^2 + sigma_b/rho_b^2) . grad_a W.
+/// `sum` is the bracket, tension positive.
+template <int Dim>
+void add_stress_divergence(Vec<Dim>& acceleration, double m_b, const Sym<Dim>& sum, const Pair<Dim>& pair) {
+  for (int i = 0; i < Dim; ++i) {
+    double traction = 0;
+    for (int j = 0; j < Dim; ++j) traction += sum(i, j) * pair.grad_w[j];
+    acceleration[i] += m_b * traction;
+  }
+}
+
+/// sigma/rho^2 of one particle, with sigma = s - p 1 (Eq. 5.3, reconstructed).
+template <int Dim>
+Sym<Dim> stress_over_density_squared(const Sym<Dim>& s, double p, double rho) {
+  Sym<Dim> sigma = s;
+  for (int i = 0; i < 3; ++i) sigma[i] -= p;
+  return sigma *= 1 / (rho * rho);
+}
+
+/// Density diffusion of Fourtakas et al. (2019): smooths what the density differs from its hydrostatic
+/// course. Returns the pair's part of d(rho_a)/dt over (delta h c): 2 (rho_b - rho_a - rho0 g.(x_b -
+/// x_a)/c^2) (-F) m_b/rho_b.
+template <int Dim>
+double density_diffusion(double rho_b_minus_rho_a, double hydrostatic_slope, double volume_b,
+                         const Pair<Dim>& pair) {
+  // hydrostatic_slope = d(rho)/d(up); r points from b to a, so b lies -r higher.
+  const double hydrostatic = -hydrostatic_slope * pair.r[Dim - 1];
+  return 2 * (rho_b_minus_rho_a - hydrostatic) * -pair.f * volume_b;
+}
+
+/// Artificial viscosity of Monaghan and Gingold (1983): Pi_ab [m^5/(kg s^2)], nonzero where two particles
+/// approach.
+template <int Dim>
+double artificial_viscosity(double alpha, double c, double h, double mean_rho, const Vec<Dim>& v_a_minus_v_b,
+                            const Pair<Dim>& pair) {
+  const double approach = std::fmin(dot(v_a_minus_v_b, pair.r), 0.0);
+  return -alpha * c * h * approach / ((pair.distance * pair.distance + 0.01 * h * h) * mean_rho);
+}
+
+/// Eqs. 5.23 and 5.24 (given): the velocity that a boundary particle shows to an interior one, so that the
+/// velocity falls linearly through the wall's surface. The factor B is called beta in the source; it has
+/// nothing to do with dilation.
+template <int Dim>
+Vec<Dim> boundary_velocity(const Vec<Dim>& v_interior, const Vec<Dim>& v_wall, double distance_interior,
+                           double distance_boundary, double largest_factor) {
+  const double ratio = distance_boundary / std::fmax(distance_interior, 1e-300);
+  const double factor = std::fmin(largest_factor, 1 + ratio);
+  return (1 - factor) * v_interior + factor * v_wall;
+}
+
+/// Rotates a stress by the spin W over dt: Hughes and Winget (1980), an exact rotation for every dt, so that
+/// its norm is kept to rounding. w(i, j) = (L_ij - L_ji)/2.
+template <int Dim>
+Sym<Dim> rotate(const Sym<Dim>& s, const Gradient<Dim>& l, double dt) {
+  // Q = 1 + 2 (A + A^2)/(1 + |a|^2) with A = W dt/2 (Cayley).
+  double a[Dim][Dim];
+  double square = 0;
+  for (int i = 0; i < Dim; ++i)
+    for (int j = 0; j < Dim; ++j) {
+      a[i][j] = 0.25 * dt * (l(i, j) - l(j, i));
+      square += 0.5 * a[i][j] * a[i][j];
+    }
+  double q[Dim][Dim];
+  for (int i = 0; i < Dim; ++i)
+    for (int j = 0; j < Dim; ++j) {
+      double a2 = 0;
+      for (int k = 0; k < Dim; ++k) a2 += a[i][k] * a[k][j];
+      q[i][j] = (i == j ? 1.0 : 0.0) + 2 * (a[i][j] + a2) / (1 + square);
+    }
+  Sym<Dim> rotated = s;  // zz of plane strain is not touched
+  for (int i = 0; i < Dim; ++i)
+    for (int j = i; j < Dim; ++j) {
+      double sum = 0;
+      for (int k = 0; k < Dim; ++k)
+        for (int m = 0; m < Dim; ++m) sum += q[i][k] * s(k, m) * q[j][m];
+      rotated(i, j) = sum;
+    }
+  return rotated;
+}
+
+}  // namespace dem2sph

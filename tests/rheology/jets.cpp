@@ -1,0 +1,54 @@
+// The only file of these tests that sees Ceres.
+#include "tests/rheology/jets.hpp"
+
+#include <ceres/jet.h>
+
+#include "sph/rheology/dilation.hpp"
+#include "sph/rheology/friction.hpp"
+
+namespace dem2sph::test {
+namespace {
+
+template <int N>
+Differentiated<N> plain(const ceres::Jet<double, N>& jet) {
+  Differentiated<N> result{jet.a, {}};
+  for (int i = 0; i < N; ++i) result.derivative[static_cast<std::size_t>(i)] = jet.v[i];
+  return result;
+}
+
+}  // namespace
+
+Differentiated<5> friction_by_jet(double I, double mu_l, double mu_h, double D_star, double beta) {
+  using Jet = ceres::Jet<double, 5>;
+  const RationalFriction<Jet> law{Jet(mu_l, 1), Jet(mu_h, 2), Jet(D_star, 3)};
+  return plain<5>(friction(law, Jet(I, 0), Jet(beta, 4)));
+}
+
+double slope_by_jet(double I, double mu_l, double mu_h, double D_star) {
+  using Jet = ceres::Jet<double, 1>;
+  const RationalFriction<Jet> law{Jet(mu_l), Jet(mu_h), Jet(D_star)};
+  return law.slope(I).a;  // a rate that is data, not a parameter: a plain double among Jets
+}
+
+Differentiated<2> inertial_number_by_jet(double gamma_dot, double p, double d, double rho_s) {
+  using Jet = ceres::Jet<double, 2>;
+  return plain<2>(inertial_number(Jet(gamma_dot, 0), Jet(p, 1), d, rho_s));
+}
+
+Differentiated<3> solid_fraction_by_jet(double I, double phi_c, double b) {
+  using Jet = ceres::Jet<double, 3>;
+  const LinearSolidFraction<Jet> law{Jet(phi_c, 1), Jet(b, 2)};
+  return plain<3>(law(Jet(I, 0)));
+}
+
+Differentiated<3> relax_solid_fraction_by_jet(double phi, double phi_eq, double x) {
+  using Jet = ceres::Jet<double, 3>;
+  return plain<3>(relax_solid_fraction(Jet(phi, 0), Jet(phi_eq, 1), Jet(x, 2)));
+}
+
+Differentiated<4> relax_dilation_rate_by_jet(double beta, double source, double s_star, double ds) {
+  using Jet = ceres::Jet<double, 4>;
+  return plain<4>(relax_dilation_rate(Jet(beta, 0), Jet(source, 1), Jet(s_star, 2), Jet(ds, 3)));
+}
+
+}  // namespace dem2sph::test

@@ -1,0 +1,28 @@
+// The laws with Ceres' Jets, kept behind plain numbers: value and derivatives as the fit sees them.
+#pragma once
+
+#include <array>
+
+namespace dem2sph::test {
+
+/// Derivatives in the order of the arguments.
+template <int N>
+struct Differentiated {
+  double value = 0;
+  std::array<double, static_cast<std::size_t>(N)> derivative{};
+};
+
+/// mu(I, beta): derivatives by I, mu_l, mu_h, D*, beta.
+Differentiated<5> friction_by_jet(double I, double mu_l, double mu_h, double D_star, double beta);
+/// d(mu)/dI as the law states it, evaluated with Jets; value only.
+double slope_by_jet(double I, double mu_l, double mu_h, double D_star);
+/// I(gamma_dot, p): derivatives by both.
+Differentiated<2> inertial_number_by_jet(double gamma_dot, double p, double d, double rho_s);
+/// phi_eq(I): derivatives by I, phi_c, b.
+Differentiated<3> solid_fraction_by_jet(double I, double phi_c, double b);
+/// phi after the increment x = ds/s*: derivatives by phi, phi_eq, x.
+Differentiated<3> relax_solid_fraction_by_jet(double phi, double phi_eq, double x);
+/// beta after ds: derivatives by beta, source, s*, ds.
+Differentiated<4> relax_dilation_rate_by_jet(double beta, double source, double s_star, double ds);
+
+}  // namespace dem2sph::test
