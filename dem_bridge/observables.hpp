@@ -1,5 +1,6 @@
 // observables.h5: what the shear cells say, run by run, as the bridge writes it and the calibration reads it.
-// What each figure means is fixed in dem_bridge/README.md; every dataset has a unit, every mean its standard error.
+// What each figure means is fixed in dem_bridge/README.md; every dataset has a unit, every mean its standard
+// error.
 #pragma once
 
 #include <cstdint>
@@ -11,26 +12,26 @@ namespace dem2sph {
 
 /// Means of one steady shear run, start-up dropped, with standard errors by block jackknife.
 struct SteadyPoint {
-  std::string run;          ///< hash that names the run's folder
+  std::string run;  ///< hash that names the run's folder
   std::int64_t seed = 0;
-  double I_driven = 0;      ///< what the wall was set to
-  double I = 0, I_se = 0;   ///< from the core's own velocity gradient and p
+  double I_driven = 0;         ///< what the wall was set to
+  double I = 0, I_se = 0;      ///< from the core's own velocity gradient and p
   double mu = 0, mu_se = 0;    ///< tau/p in the core, p = sigma_zz
   double phi = 0, phi_se = 0;  ///< volume overlap of grains with the core
   double p = 0, p_se = 0;      ///< [Pa]
-  double wall_mu = 0;       ///< from the force on the wall, for comparison
-  double wall_p = 0;        ///< [Pa]
-  double strain = 0;        ///< core strain averaged over
-  double cpu_seconds = 0;   ///< of LIGGGHTS
+  double wall_mu = 0;          ///< from the force on the wall, for comparison
+  double wall_p = 0;           ///< [Pa]
+  double strain = 0;           ///< core strain averaged over
+  double cpu_seconds = 0;      ///< of LIGGGHTS
 };
 
 /// One transient on its own strain axis; all lists have the same length.
 struct Transient {
   std::string run;
-  std::string kind;         ///< "start_up"
+  std::string kind;  ///< "start_up"
   std::int64_t seed = 0;
   double I_driven = 0;
-  double phi_0 = 0;         ///< before the change
+  double phi_0 = 0;  ///< before the change
   double cpu_seconds = 0;
   std::vector<double> s;          ///< strain of the core since the change
   std::vector<double> gamma_dot;  ///< [1/s]
@@ -38,8 +39,8 @@ struct Transient {
   std::vector<double> mu;
   std::vector<double> I;
   std::vector<double> phi;
-  std::vector<double> beta;       ///< dilation rate over shear rate, from the coarse-grained fields
-  std::vector<double> height;     ///< distance of the walls [m]
+  std::vector<double> beta;    ///< dilation rate over shear rate, from the coarse-grained fields
+  std::vector<double> height;  ///< distance of the walls [m]
 };
 
 /// A run that failed or was judged unfit, and why.
@@ -52,9 +53,9 @@ struct Observables {
   double d = 0;      ///< mean grain diameter [m]
   double rho_s = 0;  ///< [kg/m^3]
   double grain_friction = 0;
-  double pressure = 0;  ///< set pressure [Pa]
-  std::string engine;   ///< "LIGGGHTS 3.8.0"
-  std::string material; ///< the effective material section, as TOML
+  double pressure = 0;   ///< set pressure [Pa]
+  std::string engine;    ///< "LIGGGHTS 3.8.0"
+  std::string material;  ///< the effective material section, as TOML
   std::vector<SteadyPoint> steady;
   std::vector<Transient> transients;
   std::vector<ExcludedRun> excluded;
@@ -64,7 +65,8 @@ inline constexpr std::int64_t observables_schema_version = 1;
 
 /// Writes atomically.
 void write_observables(const Observables& observables, const std::filesystem::path& path);
-/// Throws InputError for a file that is missing, truncated, of another schema, or holds anything but finite numbers.
+/// Throws InputError for a file that is missing, truncated, of another schema, or holds anything but finite
+/// numbers.
 Observables read_observables(const std::filesystem::path& path);
 
 }  // namespace dem2sph

@@ -1,0 +1,213 @@
+#include "dem_bridge/dump.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <unordered_set>
+
+#include "sph/base/errors.hpp"
+
+namespace dem2sph::bridge {
+
+DumpLines::DumpLines(const std::filesystem::path& path) : path_(path), stream_(path, std::ios::binary) {
+  std::error_code status;
+  bytes_ = std::filesystem::file_size(path, status);
+  if (!stream_ || status) throw InputError(fmt::format("{}: cannot open this dump", path.string()));
+}
+
+bool DumpLines::next(std::string_view& line) {
+  std::getline(stream_, line_);
+  // getline reaches the end of the file only if the last line has no newline: a line cut short.
+  if (stream_.eof() || stream_.fail()) return false;
+  ++number_;
+  line = line_;
+  return true;
+}
+
+bool DumpLines::at_end() { return stream_.peek() == std::ifstream::traits_type::eof(); }
+
+void DumpLines::fail(const std::string& what) const {
+  throw InputError(fmt::format("{}:{}: {}", path_.string(), number_, what));
+}
+
+namespace {
+
+struct Header {
+  std::int64_t step = 0;
+  std::uint64_t count = 0;
+  Box box;
+  std::vector<std::string> columns;
+};
+
+std::vector<std::string_view> words(std::string_view line) {
+  std::vector<std::string_view> found;
+  std::size_t at = 0;
+  while (at < line.size()) {
+    const std::size_t from = line.find_first_not_of(" \t\r", at);
+    if (from == std::string_view::npos) break;
+    const std::size_t to = std::min(line.find_first_of(" \t\r", from), line.size());
+    found.push_back(line.substr(from, to - from));
+    at = to;
+  }
+  return found;
+}
+
+template <class Number>
+Number number(const DumpLines& lines, std::string_view word) {
+  Number value{};
+  const auto [end, status] = std::from_chars(word.data(), word.data() + word.size(), value);
+  if (status != std::errc{} || end != word.data() + word.size())
+    lines.fail(fmt::format("\"{}\" is not a number of the kind expected here", word));
+  if constexpr (std::is_floating_point_v<Number>)
+    if (!std::isfinite(value)) lines.fail(fmt::format("\"{}\" is not finite", word));
+  return value;
+}
+
+/// An id in a local dump is printed as a floating-point number ("12" or "1.2e+06").
+std::int64_t whole_number(const DumpLines& lines, std::string_view word) {
+  const double value = number<double>(lines, word);
+  // 2^53: beyond it a double cannot tell neighbouring ids apart.
+  if (value != std::floor(value) || std::abs(value) > 9007199254740992.0)
+    lines.fail(fmt::format("\"{}\" is not a whole number", word));
+  return static_cast<std::int64_t>(value);
+}
+
+bool expect_item(DumpLines& lines, std::string_view prefix, std::string& rest) {
+  std::string_view line;
+  if (!lines.next(line)) return false;
+  if (!line.starts_with(prefix))
+    lines.fail(fmt::format("expected \"{}\", found \"{}\"", prefix, line.substr(0, 60)));
+  rest = std::string(line.substr(prefix.size()));
+  return true;
+}
+
+/// Reads the nine header lines. False if the file ends among them.
+bool read_header(DumpLines& lines, std::string_view what, std::int64_t last_step, Header& header) {
+  std::string rest;
+  std::string_view line;
+  if (!expect_item(lines, "ITEM: TIMESTEP", rest)) return false;
+  if (!lines.next(line)) return false;
+  const auto step = words(line);
+  if (step.size() != 1) lines.fail("expected one step number");
+  header.step = number<std::int64_t>(lines, step[0]);
+  if (header.step <= last_step)
+    lines.fail(fmt::format("step {} does not follow step {}", header.step, last_step));
+
+  if (!expect_item(lines, fmt::format("ITEM: NUMBER OF {}", what), rest)) return false;
+  if (!lines.next(line)) return false;
+  const auto count = words(line);
+  if (count.size() != 1) lines.fail("expected one count");
+  header.count = number<std::uint64_t>(lines, count[0]);
+  // A row has at least two characters, so a larger count is a damaged number and must not become an
+  // allocation.
+  if (header.count > lines.bytes() / 2)
+    lines.fail(fmt::format("{} rows cannot stand in a file of {} bytes", header.count, lines.bytes()));
+
+  if (!expect_item(lines, "ITEM: BOX BOUNDS", rest)) return false;
+  const auto flags = words(rest);
+  if (flags.size() != 3) lines.fail("only boxes with axes along x, y and z are understood (\"pp pp ff\")");
+  for (int k = 0; k < 3; ++k) {
+    header.box.periodic[static_cast<std::size_t>(k)] = flags[static_cast<std::size_t>(k)] == "pp";
+    if (!lines.next(line)) return false;
+    const auto bounds = words(line);
+    if (bounds.size() != 2) lines.fail("expected the lower and the upper bound of the box");
+    header.box.low[k] = number<double>(lines, bounds[0]);
+    header.box.high[k] = number<double>(lines, bounds[1]);
+    if (!(header.box.low[k] < header.box.high[k])) lines.fail("the box has no extent");
+  }
+
+  const std::string rows = what == "ATOMS" ? "ITEM: ATOMS" : "ITEM: ENTRIES";
+  if (!expect_item(lines, rows, rest)) return false;
+  header.columns.clear();
+  for (const auto word : words(rest)) header.columns.emplace_back(word);
+  return true;
+}
+
+}  // namespace
+
+ReadResult GrainDump::next(GrainFrame& frame) {
+  if (lines_.at_end()) return ReadResult::end;
+  Header header;
+  if (!read_header(lines_, "ATOMS", last_step_, header)) return ReadResult::incomplete;
+
+  const std::array<std::string_view, 9> names{"id", "type", "x", "y", "z", "vx", "vy", "vz", "radius"};
+  std::array<std::size_t, names.size()> at{};
+  for (std::size_t k = 0; k < names.size(); ++k) {
+    const auto found = std::find(header.columns.begin(), header.columns.end(), names[k]);
+    if (found == header.columns.end()) lines_.fail(fmt::format("the dump has no column \"{}\"", names[k]));
+    at[k] = static_cast<std::size_t>(found - header.columns.begin());
+  }
+
+  GrainFrame read;
+  read.step = header.step;
+  read.box = header.box;
+  read.grains.reserve(header.count);
+  std::unordered_set<std::int64_t> seen;
+  seen.reserve(header.count);
+  std::string_view line;
+  for (std::uint64_t row = 0; row < header.count; ++row) {
+    if (!lines_.next(line)) return ReadResult::incomplete;
+    const auto cells = words(line);
+    if (cells.size() != header.columns.size())
+      lines_.fail(fmt::format("{} numbers in a row of {} columns", cells.size(), header.columns.size()));
+    Grain grain;
+    grain.id = number<std::int64_t>(lines_, cells[at[0]]);
+    if (!seen.insert(grain.id).second) lines_.fail(fmt::format("grain {} stands here twice", grain.id));
+    const int type = number<int>(lines_, cells[at[1]]);
+    if (type < 1 || type > 3) lines_.fail(fmt::format("grain type {} is none of 1, 2, 3", type));
+    grain.type = static_cast<GrainType>(type);
+    for (int k = 0; k < 3; ++k) {
+      grain.x[k] = number<double>(lines_, cells[at[static_cast<std::size_t>(2 + k)]]);
+      grain.v[k] = number<double>(lines_, cells[at[static_cast<std::size_t>(5 + k)]]);
+    }
+    grain.radius = number<double>(lines_, cells[at[8]]);
+    if (!(grain.radius > 0)) lines_.fail(fmt::format("grain {} has no radius", grain.id));
+    read.grains.push_back(grain);
+  }
+  last_step_ = read.step;
+  frame = std::move(read);
+  return ReadResult::frame;
+}
+
+ContactDump::ContactDump(const std::filesystem::path& path, const ContactColumns& columns)
+    : lines_(path), columns_(columns) {
+  for (const int column :
+       {columns.first, columns.second, columns.force[0], columns.force[1], columns.force[2]})
+    if (column < 0 || column >= columns.count)
+      throw InputError(fmt::format("{}: column {} of the map does not exist", path.string(), column));
+}
+
+ReadResult ContactDump::next(ContactFrame& frame) {
+  if (lines_.at_end()) return ReadResult::end;
+  Header header;
+  if (!read_header(lines_, "ENTRIES", last_step_, header)) return ReadResult::incomplete;
+  if (header.columns.size() != static_cast<std::size_t>(columns_.count))
+    lines_.fail(fmt::format("{} columns, but the run's map names {}", header.columns.size(), columns_.count));
+
+  ContactFrame read;
+  read.step = header.step;
+  read.box = header.box;
+  read.contacts.reserve(header.count);
+  std::string_view line;
+  for (std::uint64_t row = 0; row < header.count; ++row) {
+    if (!lines_.next(line)) return ReadResult::incomplete;
+    const auto cells = words(line);
+    if (cells.size() != header.columns.size())
+      lines_.fail(fmt::format("{} numbers in a row of {} columns", cells.size(), header.columns.size()));
+    const auto cell = [&](int column) { return cells[static_cast<std::size_t>(column)]; };
+    Contact contact;
+    contact.first = whole_number(lines_, cell(columns_.first));
+    contact.second = whole_number(lines_, cell(columns_.second));
+    if (contact.first == contact.second) lines_.fail(fmt::format("grain {} touches itself", contact.first));
+    for (int k = 0; k < 3; ++k)
+      contact.force[k] = number<double>(lines_, cell(columns_.force[static_cast<std::size_t>(k)]));
+    read.contacts.push_back(contact);
+  }
+  last_step_ = read.step;
+  frame = std::move(read);
+  return ReadResult::frame;
+}
+
+}  // namespace dem2sph::bridge

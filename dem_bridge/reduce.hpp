@@ -1,0 +1,82 @@
+// From frames of grains and contacts to the figures of a shear cell: stress, solid fraction, shear rate,
+// dilation. Pure functions: a test can feed them one contact or a lattice. Equations and definitions:
+// dem_bridge/README.md.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "dem_bridge/dump.hpp"
+#include "dem_bridge/jackknife.hpp"
+#include "dem_bridge/observables.hpp"
+#include "sph/base/tensor.hpp"
+
+namespace dem2sph::bridge {
+
+/// What the reduction has to know about the cell that the frames come from.
+struct Measurement {
+  double d = 0;               ///< mean grain diameter [m]
+  double rho_s = 0;           ///< density of the grains' material [kg/m^3]
+  double grain_friction = 0;  ///< Coulomb's limit of the contacts
+  double wall_thickness = 0;  ///< thickness of each rough wall's slab of grains [m]
+  double core_margin = 0;     ///< distance of the core from the walls' inner faces [m]
+  double time_step = 0;       ///< [s]
+};
+
+/// Volume of the part of a sphere with centre height z that lies in low <= z <= high [m^3]. Exact.
+double sphere_slab_volume(double z, double radius, double low, double high);
+
+/// What one frame says about the core. Stresses are compression-positive.
+struct CoreState {
+  std::int64_t step = 0;
+  double strain = 0;           ///< of the core since the first frame
+  double height = 0;           ///< distance of the mean heights of the two walls' grains [m]
+  double thickness = 0;        ///< of the core [m]
+  double phi = 0;              ///< volume overlap of grains with the core
+  Sym<3> stress;               ///< contacts + velocity fluctuations [Pa]
+  double kinetic_zz = 0;       ///< share of the fluctuations in stress(2, 2) [Pa]
+  double gamma_dot = 0;        ///< d v_x / d z, least squares over the core's grains [1/s]
+  double dilation_rate = 0;    ///< d v_z / d z: tr(D) of a cell that is periodic in x and y [1/s]
+  double largest_overlap = 0;  ///< of any contact in the whole cell [m]
+  double cut_contacts =
+      0;  ///< fraction of the contacts whose tangential force was cut back to Coulomb's limit
+
+  double p() const { return stress(2, 2); }
+  double tau() const { return -stress(0, 2); }  ///< > 0 where v_x grows with z
+};
+
+/// Throws InputError if the two frames do not belong together or the core holds no grains.
+CoreState measure_core(const GrainFrame& grains, const ContactFrame& contacts, const Measurement& cell);
+
+/// Sets `strain` of each frame: the integral (trapezium) of the core's own shear rate since the first.
+void integrate_strain(std::span<CoreState> frames, double time_step);
+
+/// Means of a steady run. The first `strain_dropped` of core strain is not used.
+struct SteadyMeans {
+  Estimate mu, phi, p, I;
+  Estimate sigma_xx_over_p, sigma_yy_over_p;
+  double mean_stress_over_p = 0;  ///< tr(sigma)/(3 p)
+  double strain = 0;              ///< averaged over
+  std::size_t frames = 0;
+  /// (second half - first half) of phi over its standard error: beyond about 3, the run was not steady.
+  double drift = 0;
+};
+SteadyMeans reduce_steady(std::span<const CoreState> frames, double strain_dropped, const Measurement& cell);
+
+/// A transient: consecutive frames are joined until they span at least `window` of strain.
+/// Fills the lists of a Transient and phi_0; who ran it is for the caller to add.
+Transient reduce_transient(std::span<const CoreState> frames, double window, const Measurement& cell);
+
+/// Series of the force on the top wall, as `fix ave/time` writes it: each line a mean over one frame
+/// interval.
+struct WallSample {
+  std::int64_t step = 0;
+  double height = 0;  ///< [m]
+  double p = 0;       ///< normal stress [Pa]
+  double tau = 0;     ///< shear stress, > 0 against the motion [Pa]
+};
+std::vector<WallSample> read_wall_series(const std::filesystem::path& path);
+
+}  // namespace dem2sph::bridge

@@ -1,0 +1,351 @@
+// Sweeps with an engine of our own: a shell script that works, fails, hangs or lies. What counts as done,
+// what is recorded as failed, what is reused, what a claim protects and how a stop ends.
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <csignal>
+#include <cstdlib>
+#include <fstream>
+#include <thread>
+
+#include "dem_bridge/sweep.hpp"
+#include "sph/base/progress.hpp"
+#include "sph/base/provenance.hpp"
+#include "tests/base/helpers.hpp"
+#include "tests/dem_bridge/packing.hpp"
+
+namespace dem2sph::bridge {
+namespace {
+
+namespace fs = std::filesystem;
+using dem2sph::test::content_of;
+using dem2sph::test::message_of;
+using dem2sph::test::put;
+using test::Lattice;
+using test::text_of;
+
+constexpr const char* case_text = R"([material]
+d = "1 mm"
+rho_s = "2500 kg/m^3"
+grain_friction = 0.5
+
+[shear_cell]
+grains = 300
+length = 5
+width = 5
+core_margin = 1
+time_limit = "30 s"
+
+[shear_cell.steady]
+I = [0.1]
+strain_dropped = 0.5
+strain_used = 0.5
+responses_dropped = 0.5
+responses_used = 0.5
+frames = 80
+)";
+
+SweepPlan plan_of(const std::string& text, const std::vector<std::string>& overrides = {}) {
+  return plan_sweep(CaseFile::parse(text, "case.toml", overrides), "LIGGGHTS-PUBLIC 3.8.0");
+}
+
+class Sweep : public dem2sph::test::Scratch {
+ protected:
+  Sweep() { ::setenv("DEM2SPH_LIGGGHTS", in("engine").c_str(), 1); }
+  ~Sweep() override { ::unsetenv("DEM2SPH_LIGGGHTS"); }
+
+  /// The engine prints its version without an input and runs `body` with one.
+  void engine(const std::string& body) {
+    put(in("engine"),
+        "#!/bin/sh\ncase \"$*\" in *-in*) ;; *) "
+        "echo 'LIGGGHTS (Version LIGGGHTS-PUBLIC 3.8.0, compiled today)'; exit 0;; esac\n" +
+            body + "\n");
+    fs::permissions(in("engine"), fs::perms::owner_all);
+  }
+
+  /// Files that a perfect run would leave: a lattice under 1 kPa, sheared affinely. Returns what the engine
+  /// has to do.
+  std::string perfect_run(const RunPlan& run, double pressure = 1000, std::int64_t frames = -1,
+                          int lost = 0) {
+    fs::create_directories(in("made"));
+    Lattice lattice;
+    lattice.gamma_dot = run.cell.I_driven / run.deck.inertial_time;
+    lattice.normal = 1000 * 1e-6;
+    lattice.tangential = 4e-4;
+    std::string grains, contacts, wall = "# Time-averaged data\n";
+    if (frames < 0) frames = run.deck.frames;
+    for (std::int64_t n = 0; n < frames; ++n) {
+      const std::int64_t step = run.deck.shear_start + n * run.deck.frame_interval;
+      GrainFrame frame = lattice.frame(step);
+      if (n + 1 == frames) frame.grains.resize(frame.grains.size() - static_cast<std::size_t>(lost));
+      grains += text_of(frame);
+      contacts += text_of(lattice.contacts(step));
+      if (n > 0) wall += fmt::format("{} 0.011 {} 200\n", step, pressure);
+    }
+    put(in("made") / grain_dump_file, grains);
+    put(in("made") / contact_dump_file, contacts);
+    put(in("made") / wall_series_file, wall);
+    return fmt::format("echo run >> {0}/calls; cp {0}/made/* . && echo '{1}'", folder_.string(),
+                       sentinel(run.cell));
+  }
+
+  SweepOptions options(int jobs = 1) const { return {in("out"), jobs, true}; }
+  fs::path run_folder(const RunPlan& run) const { return in("out") / "runs" / run.hash; }
+
+  std::size_t calls() const {
+    if (!fs::exists(in("calls"))) return 0;
+    const std::string text = content_of(in("calls"));
+    return static_cast<std::size_t>(std::count(text.begin(), text.end(), '\n'));
+  }
+
+  /// Runs one run with this engine; it must fail, and the reason is returned.
+  std::string reason_of_failure(const SweepPlan& plan) {
+    const SweepResult result = run_sweep(plan, options());
+    EXPECT_EQ(result.failed.size(), 1U);
+    EXPECT_EQ(result.exit_code(), ExitCode::engine);
+    EXPECT_TRUE(result.observables.steady.empty());
+    EXPECT_FALSE(fs::exists(run_folder(plan.runs[0]) / "done.json"));
+    EXPECT_FALSE(fs::exists(run_folder(plan.runs[0]) / "claim"));
+    return result.failed.empty() ? "" : result.failed[0].reason;
+  }
+};
+
+TEST_F(Sweep, APerfectRunIsReducedAndReused) {
+  const SweepPlan plan = plan_of(case_text);
+  ASSERT_EQ(plan.runs.size(), 1U);
+  engine(perfect_run(plan.runs[0]));
+  const SweepResult first = run_sweep(plan, options());
+  EXPECT_EQ(first.exit_code(), ExitCode::ok);
+  EXPECT_EQ(first.ran, 1U);
+  const Observables o = read_observables(in("out") / "observables.h5");
+  ASSERT_EQ(o.steady.size(), 1U);
+  EXPECT_NEAR(o.steady[0].mu, 0.2, 1e-9);  // half of 0.4: the lattice's force is symmetrised
+  EXPECT_NEAR(o.steady[0].p, 1000, 1e-6);
+  EXPECT_NEAR(o.steady[0].I, 0.1, 1e-9);
+  EXPECT_NEAR(o.steady[0].wall_mu, 0.2, 1e-12);
+  EXPECT_EQ(o.steady[0].run, plan.runs[0].hash);
+  EXPECT_EQ(o.engine, "LIGGGHTS-PUBLIC 3.8.0");
+  EXPECT_CONTAINS(o.material, "grain_friction = 0.5");
+  EXPECT_FALSE(fs::exists(run_folder(plan.runs[0]) / grain_dump_file))
+      << "dumps are pruned after the reduction";
+  EXPECT_FALSE(fs::exists(run_folder(plan.runs[0]) / "claim"));
+
+  const SweepResult second = run_sweep(plan, options());
+  EXPECT_EQ(second.ran, 0U);
+  EXPECT_EQ(second.reused, 1U);
+  EXPECT_EQ(calls(), 1U);
+  EXPECT_EQ(second.observables.steady[0].mu, first.observables.steady[0].mu);
+  EXPECT_EQ(sweep_status(in("out"))[0].state, RunState::done);
+}
+
+TEST_F(Sweep, StartUpsBecomeSeries) {
+  const std::string text =
+      std::string(case_text).substr(0, std::string(case_text).find("[shear_cell.steady]")) +
+      "[shear_cell.start_up]\nI = [0.05]\nseeds = [3]\nstrain = 2\nframes = 100\nwindow = 0.1\n";
+  const SweepPlan plan = plan_of(text);
+  ASSERT_EQ(plan.runs.size(), 1U);
+  EXPECT_EQ(plan.runs[0].cell.preparation_friction, 0);
+  engine(perfect_run(plan.runs[0]));
+  const SweepResult result = run_sweep(plan, options());
+  ASSERT_EQ(result.observables.transients.size(), 1U);
+  const Transient& t = result.observables.transients[0];
+  EXPECT_EQ(t.kind, "start_up");
+  EXPECT_EQ(t.seed, 3);
+  EXPECT_NEAR(t.s.back(), 1.95, 0.1);
+  EXPECT_NEAR(t.mu[5], 0.2, 1e-9);
+  EXPECT_NEAR(t.beta[5], 0, 1e-9);
+}
+
+TEST_F(Sweep, AFailureIsRecordedWithTheEnginesWords) {
+  engine("printf 'Setting up run\\nERROR: Atom lost\\001\\002 (file.cpp:12)\\n'; exit 1");
+  const SweepPlan plan = plan_of(case_text);
+  const std::string reason = reason_of_failure(plan);
+  EXPECT_CONTAINS(reason, "LIGGGHTS ended with code 1");
+  EXPECT_CONTAINS(reason, "ERROR: Atom lost (file.cpp:12)");
+  EXPECT_CONTAINS(describe(sweep_status(in("out"))), "Atom lost");
+  EXPECT_EQ(read_observables(in("out") / "observables.h5").excluded.size(), 1U);
+}
+
+TEST_F(Sweep, NoLieCountsAsDone) {
+  const SweepPlan plan = plan_of(case_text);
+  const RunPlan& run = plan.runs[0];
+  struct Lie {
+    std::string body, reason;
+  };
+  std::vector<Lie> lies{
+      {"exit 0", "never printed"},
+      {"echo 'DEM2SPH reached step 1 with 300 grains'", "never printed"},
+      {"echo '" + sentinel(run.cell) + "'; exit 3", "ended with code 3"},
+      {"echo '" + sentinel(run.cell) + "'", "cannot open this dump"},
+      {"kill -SEGV $$", "killed by signal 11"},
+  };
+  for (const Lie& lie : lies) {
+    fs::remove_all(in("out"));
+    engine(lie.body);
+    EXPECT_CONTAINS(reason_of_failure(plan), lie.reason);
+  }
+  fs::remove_all(in("out"));
+  engine(perfect_run(run, 1000, run.deck.frames - 1));
+  EXPECT_CONTAINS(reason_of_failure(plan),
+                  fmt::format("{} frames in the dumps, expected", run.deck.frames - 1));
+  fs::remove_all(in("out"));
+  engine(perfect_run(run, 1000, -1, 1));
+  EXPECT_CONTAINS(reason_of_failure(plan), "299 grains at step");
+  fs::remove_all(in("out"));
+  engine(perfect_run(run, 1100));
+  EXPECT_CONTAINS(reason_of_failure(plan), "mean pressure on the wall is 1100 Pa instead of 1000 Pa");
+  fs::remove_all(in("out"));
+  const std::string copy = perfect_run(run);
+  fs::resize_file(in("made") / contact_dump_file, fs::file_size(in("made") / contact_dump_file) - 5);
+  engine(copy);
+  EXPECT_CONTAINS(reason_of_failure(plan),
+                  fmt::format("contacts.dump breaks off after {} of", run.deck.frames - 1));
+}
+
+TEST_F(Sweep, OverlappingGrainsAreRefused) {
+  const SweepPlan plan = plan_of(case_text);
+  const std::string copy = perfect_run(plan.runs[0]);
+  std::string text = content_of(in("made") / grain_dump_file);
+  for (std::size_t at = 0; (at = text.find(" 0.0005 \n", at)) != std::string::npos;)
+    text.replace(at, 9, " 0.0006 \n");
+  put(in("made") / grain_dump_file, text);
+  engine(copy);
+  EXPECT_CONTAINS(reason_of_failure(plan), "grains overlap by 0.2 d");
+}
+
+TEST_F(Sweep, AHangingEngineIsEnded) {
+  engine("echo waiting; sleep 60");
+  const SweepPlan plan = plan_of(case_text, {"shear_cell.time_limit=1 s"});
+  const auto start = std::chrono::steady_clock::now();
+  EXPECT_CONTAINS(reason_of_failure(plan), "time limit of 1 s");
+  EXPECT_LT(std::chrono::steady_clock::now() - start, std::chrono::seconds(10));
+}
+
+TEST_F(Sweep, OneFailureDoesNotStopTheOthersAndRetryFinishes) {
+  const SweepPlan plan = plan_of(case_text, {"shear_cell.steady.seeds=[1, 2, 3]"});
+  ASSERT_EQ(plan.runs.size(), 3U);
+  const std::string good = perfect_run(plan.runs[0]);
+  // Seed 2 is found by its folder's name.
+  std::string bad_hash;
+  for (const RunPlan& run : plan.runs)
+    if (run.cell.seed == 2) bad_hash = run.hash;
+  engine("case \"$PWD\" in *" + bad_hash + ") echo broken; exit 1;; esac\n" + good);
+  const SweepResult first = run_sweep(plan, options(2));
+  EXPECT_EQ(first.ran, 2U);
+  ASSERT_EQ(first.failed.size(), 1U);
+  EXPECT_EQ(first.failed[0].run, bad_hash);
+  EXPECT_CONTAINS(first.failed[0].reason, "steady I = 0.1 seed 2: LIGGGHTS ended with code 1");
+  EXPECT_EQ(first.observables.steady.size(), 2U);
+
+  engine(good);
+  EXPECT_EQ(run_sweep(plan, options()).failed.size(), 1U) << "a failure stays one until it is retried";
+  EXPECT_EQ(calls(), 2U);
+  const SweepResult retried = retry_sweep(options());
+  EXPECT_EQ(retried.exit_code(), ExitCode::ok);
+  EXPECT_EQ(retried.ran, 1U);
+  EXPECT_EQ(retried.observables.steady.size(), 3U);
+  EXPECT_EQ(calls(), 3U);
+}
+
+TEST_F(Sweep, ClaimsOfTheLivingAreRespectedThoseOfTheDeadTakenOver) {
+  const SweepPlan plan = plan_of(case_text);
+  engine(perfect_run(plan.runs[0]));
+  char host[256] = {};
+  ASSERT_EQ(::gethostname(host, sizeof host - 1), 0);
+  const fs::path claim = run_folder(plan.runs[0]) / "claim";
+  fs::create_directories(claim);
+  // Of a process on another machine nothing can be known.
+  put(claim / "owner.json", R"({"pid": 1, "host": "elsewhere", "started": "1"})");
+  const SweepResult blocked = run_sweep(plan, options());
+  EXPECT_EQ(blocked.elsewhere, 1U);
+  EXPECT_EQ(blocked.exit_code(), ExitCode::interrupted);
+  EXPECT_EQ(calls(), 0U);
+  EXPECT_EQ(sweep_status(in("out"))[0].state, RunState::running);
+  // Our own process id, but of a process that started at another time: dead.
+  put(claim / "owner.json", fmt::format(R"({{"pid": {}, "host": "{}", "started": "1"}})", ::getpid(), host));
+  EXPECT_EQ(sweep_status(in("out"))[0].state, RunState::abandoned);
+  const SweepResult taken = run_sweep(plan, options());
+  EXPECT_EQ(taken.ran, 1U);
+  EXPECT_EQ(taken.exit_code(), ExitCode::ok);
+}
+
+TEST_F(Sweep, AStopEndsTheEngineAndCanBeResumed) {
+  testing::GTEST_FLAG(death_test_style) = "threadsafe";
+  engine("echo $$ > " + in("pid").string() + "; exec sleep 60");
+  const SweepPlan plan = plan_of(case_text);
+  const auto stopped = [&] {
+    install_stop_handlers();
+    std::jthread asker([&] {
+      while (!fs::exists(in("pid"))) std::this_thread::sleep_for(std::chrono::milliseconds(10));
+      std::this_thread::sleep_for(std::chrono::milliseconds(100));
+      ::kill(::getpid(), SIGTERM);
+    });
+    try {
+      run_sweep(plan, options());
+    } catch (const Error& error) {
+      pid_t engine_process = 0;
+      std::ifstream(in("pid")) >> engine_process;
+      const bool ended = engine_process > 0 && ::kill(engine_process, 0) != 0;
+      const bool free = !fs::exists(run_folder(plan.runs[0]) / "claim");
+      fs::remove_all(folder_);
+      ::_exit(ended && free ? static_cast<int>(error.code()) : 99);
+    }
+  };
+  EXPECT_EXIT(stopped(), testing::ExitedWithCode(75), "");
+}
+
+TEST_F(Sweep, AMissingEngineIsNamedWithItsPackage) {
+  ::setenv("DEM2SPH_LIGGGHTS", "/nonexistent/liggghts", 1);
+  const std::string message = message_of<EngineError>([] { engine_version(); });
+  EXPECT_CONTAINS(message, "LIGGGHTS not found");
+  EXPECT_CONTAINS(message, "apt-get install --no-install-recommends liggghts");
+  EXPECT_EQ(EngineError("").code(), ExitCode::engine);
+  engine("exit 0");
+  ::setenv("DEM2SPH_LIGGGHTS", in("engine").c_str(), 1);
+  EXPECT_EQ(engine_version(), "LIGGGHTS-PUBLIC 3.8.0");
+  put(in("engine"), "#!/bin/sh\necho hello\n");
+  EXPECT_CONTAINS(message_of<EngineError>([] { engine_version(); }), "does not report a LIGGGHTS version");
+}
+
+TEST_F(Sweep, TheCaseIsChecked) {
+  const auto refusal = [](const std::string& text, const std::vector<std::string>& overrides = {}) {
+    return message_of<UsageError>([&] { plan_of(text, overrides); });
+  };
+  EXPECT_CONTAINS(refusal("[material]\nd = \"1 mm\"\n"), "needs a section [shear_cell]");
+  EXPECT_CONTAINS(refusal(case_text, {"material.stiffness=1000"}),
+                  "\"stiffness\" changes nothing with contact = \"hertz\"");
+  EXPECT_CONTAINS(refusal(case_text, {"material.contact=herz"}), "did you mean \"hertz\"?");
+  EXPECT_CONTAINS(refusal(case_text, {"shear_cell.grains=150"}), "raise \"grains\"");
+  EXPECT_CONTAINS(refusal(case_text, {"shear_cell.steady.I=[0.1, 0.1]"}), "asked for twice");
+  EXPECT_CONTAINS(refusal(case_text, {"shear_cell.steady.I=[]"}), "empty list");
+  EXPECT_CONTAINS(refusal(case_text, {"shear_cell.start_up.window=1", "shear_cell.start_up.strain=2"}),
+                  "fewer than 4");
+  const std::string text = case_text;
+  EXPECT_CONTAINS(refusal(text.substr(0, text.find("[shear_cell.steady]"))), "nothing to run");
+  EXPECT_CONTAINS(refusal(text + "frame = 3\n"), "case.toml:20: [shear_cell.steady] unknown key \"frame\"");
+}
+
+TEST_F(Sweep, RunsAreNamedByWhatTheyAre) {
+  const std::string hash = plan_of(case_text).runs[0].hash;
+  EXPECT_EQ(hash, plan_of(case_text).runs[0].hash);
+  for (const char* other : {"material.d=2 mm", "shear_cell.steady.seeds=[2]", "shear_cell.steady.frames=81",
+                            "shear_cell.pressure=2 kPa", "material.grain_friction=0.4"})
+    EXPECT_NE(hash, plan_of(case_text, {other}).runs[0].hash) << other;
+  // What does not change a run's results does not change its name.
+  EXPECT_EQ(hash, plan_of(case_text, {"shear_cell.time_limit=99 s"}).runs[0].hash);
+  EXPECT_NE(hash, plan_sweep(CaseFile::parse(case_text, "case.toml"), "LIGGGHTS-PUBLIC 4.0").runs[0].hash);
+}
+
+TEST_F(Sweep, TheLongestComesFirst) {
+  const SweepPlan plan = plan_of(case_text, {"shear_cell.steady.I=[0.3, 0.01, 0.1]"});
+  EXPECT_EQ(plan.runs[0].cell.I_driven, 0.01);
+  double sum = 0, longest = 0;
+  for (const RunPlan& run : plan.runs)
+    sum += run.deck.core_seconds, longest = std::max(longest, run.deck.core_seconds);
+  EXPECT_DOUBLE_EQ(plan.wall_seconds(1), sum);
+  EXPECT_DOUBLE_EQ(plan.wall_seconds(3), longest);
+}
+
+}  // namespace
+}  // namespace dem2sph::bridge
