@@ -1,0 +1,342 @@
+#include "calibration/report.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include "calibration/report_figures.hpp"
+#include "calibration/report_template.hpp"
+#include "sph/base/errors.hpp"
+#include "sph/base/provenance.hpp"
+
+namespace dem2sph {
+namespace {
+
+std::string figure(const std::string& svg, const std::string& caption) {
+  return fmt::format("<figure>\n{}\n<figcaption>{}</figcaption>\n</figure>\n", svg, caption);
+}
+
+std::string duration(double seconds) {
+  if (seconds < 10) return fmt::format("{:.1f} s", seconds);
+  if (seconds < 120) return fmt::format("{:.0f} s", seconds);
+  if (seconds < 7200) return fmt::format("{:.1f} min", seconds / 60);
+  return fmt::format("{:.1f} h", seconds / 3600);
+}
+
+std::string plus_minus(const Estimate& e) {
+  return e.at_bound ? fmt::format("{:.4g} (at a bound)", e.value)
+                    : fmt::format("{} &plusmn; {}", round_to_error(e.value, e.standard_error),
+                                  round_to_error(e.standard_error, e.standard_error));
+}
+
+const char* symbol(const std::string& name) {
+  static const std::map<std::string, const char*> symbols{
+      {"mu_l", "&mu;<sub>l</sub>"},
+      {"mu_h", "&mu;<sub>h</sub>"},
+      {"D_star", "D*"},
+      {"slope", "(&mu;<sub>h</sub> - &mu;<sub>l</sub>)/D*"},
+      {"phi_c", "&phi;<sub>c</sub>"},
+      {"b", "b"},
+      {"s_star", "s*"},
+      {"beta_in_mu", "share"}};
+  const auto found = symbols.find(name);
+  return found == symbols.end() ? "" : found->second;
+}
+
+const char* meaning(const std::string& name) {
+  static const std::map<std::string, const char*> meanings{
+      {"mu_l", "friction of slow flow, I &rarr; 0"},
+      {"mu_h", "friction that fast flow tends to"},
+      {"D_star", "inertial number at which half of the range is reached"},
+      {"slope", "rise of friction with I at I = 0"},
+      {"phi_c", "solid fraction of slow flow"},
+      {"b", "loss of solid fraction with I"},
+      {"s_star", "strain over which &phi; relaxes"},
+      {"beta_in_mu", "share of &beta; that shows in &mu; - &mu;<sub>steady</sub>(I)"}};
+  const auto found = meanings.find(name);
+  return found == meanings.end() ? "" : found->second;
+}
+
+std::string warnings_html(const Fit& fit) {
+  if (fit.warnings.empty()) return "";
+  std::string text = "<div class=\"warnings\"><strong>To keep in mind</strong>\n<ul>\n";
+  for (const std::string& w : fit.warnings) text += fmt::format("<li>{}</li>\n", escape_html(w));
+  return text + "</ul>\n</div>\n";
+}
+
+std::string fit_quality(const LawFit& law, std::size_t data) {
+  std::string text = fmt::format("{} points, ", data);
+  text += law.degrees_of_freedom > 0
+              ? fmt::format("&chi;&sup2; per degree of freedom {:.2f} ({:.0f} degrees)", law.chi2_per_dof,
+                            law.degrees_of_freedom)
+              : std::string("no degrees of freedom left");
+  if (law.error_scale > 1) text += fmt::format(", errors scaled by {:.2f} for it", law.error_scale);
+  return text;
+}
+
+std::string steady_html(const ReportInputs& in) {
+  const Fit& fit = in.fit;
+  const std::string literature = escape_html(glass_beads_2006().caption);
+  return figure(figure_friction(fit),
+                fmt::format("Friction &mu;(I) = &mu;<sub>l</sub> + (&mu;<sub>h</sub> - &mu;<sub>l</sub>) "
+                            "I/(I + D*): {}. Shaded in grey: the "
+                            "range of I that has data, outside of which the law extrapolates. Thin dashed "
+                            "line, for comparison and not "
+                            "fitted: {}.",
+                            fit_quality(fit.friction, fit.friction_data.size()), literature)) +
+         figure(figure_solid_fraction(fit),
+                fmt::format("Solid fraction &phi;<sub>eq</sub>(I) = &phi;<sub>c</sub> - b I: {}. Grey range "
+                            "and thin dashed line as above.",
+                            fit_quality(fit.solid_fraction, fit.solid_fraction_data.size())));
+}
+
+std::string transients_html(const ReportInputs& in) {
+  const Fit& fit = in.fit;
+  if (fit.transients.empty())
+    return "<p>No start-ups were fitted, so the law has no dilation and &beta; is not predicted.</p>\n";
+  std::string explained;
+  for (const TransientFit& t : fit.transients)
+    explained += fmt::format("{}{:.1f} %", explained.empty() ? "" : ", ", 100 * t.explained);
+  std::string text = figure(
+      figure_transient_phi(fit),
+      fmt::format(
+          "Solid fraction of {} start-up{}. The line is the state &phi; integrated with the measured I, "
+          "d&phi;/ds = -(&phi; - &phi;<sub>eq</sub>(I))/s*, with one s* = {} for all; the first &phi; of "
+          "each run and an offset "
+          "of each condition are free. Share of the variance explained: {}.",
+          fit.transients.size(), fit.transients.size() == 1 ? "" : "s", plus_minus(fit.dilation["s_star"]),
+          explained));
+  text += figure(figure_transient_beta(fit),
+                 "Dilation rate &beta; = tr D/|&gamma;&#775;|: measured from the velocity field, and "
+                 "predicted from the fitted &phi;(s) as "
+                 "(1 - &phi;<sub>eq</sub>/&phi;)/s*. The measured &beta; did not enter the fit.");
+  if (!fit.beta_in_mu.name.empty())
+    text += figure(figure_transient_mu(fit),
+                   fmt::format("Excess of friction over the steady law in the same start-ups. A share of {} "
+                               "of &beta; shows in &mu; (95 % "
+                               "interval {:.2f} to {:.2f}, from s = {:g} on, where contacts are loaded); the "
+                               "law assumes 1. A constant of "
+                               "each condition, which the regression allows, is not drawn.",
+                               plus_minus(fit.beta_in_mu), fit.beta_in_mu.low, fit.beta_in_mu.high,
+                               fit.options.mu_from_strain));
+  return text;
+}
+
+std::string parameter_row(const Estimate& e) {
+  return fmt::format(
+      "<tr><td>{}</td><td>{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td><td "
+      "class=\"n\">{}</td></tr>\n",
+      symbol(e.name), meaning(e.name), round_to_error(e.value, e.standard_error),
+      e.at_bound ? "at a bound" : round_to_error(e.standard_error, e.standard_error),
+      e.at_bound ? "not known"
+                 : fmt::format("{} to {}", round_to_error(e.low, e.standard_error),
+                               round_to_error(e.high, e.standard_error)));
+}
+
+std::string parameters_html(const ReportInputs& in) {
+  const Fit& fit = in.fit;
+  std::string text =
+      "<div class=\"scroll\"><table>\n<tr><th>Parameter</th><th>What it is</th><th class=\"n\">Value</th><th "
+      "class=\"n\">Standard "
+      "error</th><th class=\"n\">95 % interval</th></tr>\n";
+  for (const LawFit* law : {&fit.friction, &fit.solid_fraction, &fit.dilation})
+    for (const Estimate& e : law->parameters) text += parameter_row(e);
+  text += parameter_row(fit.slope);
+  if (!fit.beta_in_mu.name.empty()) text += parameter_row(fit.beta_in_mu);
+  text += "</table></div>\n";
+  text += fmt::format(
+      "<p class=\"note\">Grains: d = {:g} m, &rho;<sub>s</sub> = {:g} kg/m&sup3;, friction {:g}. All "
+      "parameters are pure numbers. Data: I "
+      "from {:.3g} to {:.3g}, &phi; from {:.3f} to {:.3f}, strain to {:.3g}, p from {:.4g} to {:.4g} Pa. "
+      "Intervals are the wider of the "
+      "normal one with the errors of the data and Student's with the scatter about the fit.</p>\n",
+      fit.d, fit.rho_s, fit.grain_friction, fit.I.lowest, fit.I.highest, fit.phi.lowest, fit.phi.highest,
+      fit.s.highest, fit.p.lowest, fit.p.highest);
+  const std::size_t n = fit.covariance_names.size();
+  text += "<p>Correlation of the errors:</p>\n<div class=\"scroll\"><table class=\"matrix\">\n<tr><th></th>";
+  for (const std::string& name : fit.covariance_names) text += fmt::format("<th>{}</th>", symbol(name));
+  text += "</tr>\n";
+  for (std::size_t i = 0; i < n; ++i) {
+    text += fmt::format("<tr><th>{}</th>", symbol(fit.covariance_names[i]));
+    for (std::size_t k = 0; k < n; ++k) {
+      const double scale = std::sqrt(fit.covariance[i][i] * fit.covariance[k][k]);
+      if (!(scale > 0)) {
+        text += "<td>at a bound</td>";
+        continue;
+      }
+      const double r = fit.covariance[i][k] / scale;
+      text += fmt::format("<td style=\"background: rgba({}, {:.2f})\">{:.2f}</td>",
+                          r < 0 ? "213, 94, 0" : "0, 114, 178", 0.35 * std::abs(r), r == 0 ? 0.0 : r);
+    }
+    text += "</tr>\n";
+  }
+  text += "</table></div>\n";
+  text +=
+      "<div class=\"scroll\"><table>\n<tr><th>Fit</th><th class=\"n\">Starts that converged</th><th "
+      "class=\"n\">that agreed</th>"
+      "<th class=\"n\">Weights renewed</th><th class=\"n\">Smallest / largest singular value</th></tr>\n";
+  for (const auto& [name, law] : {std::pair{"friction", &fit.friction},
+                                  {"solid fraction", &fit.solid_fraction},
+                                  {"dilation", &fit.dilation}}) {
+    if (law->parameters.empty()) continue;
+    const Search& s = law->search;
+    text += fmt::format(
+        "<tr><td>{}</td><td class=\"n\">{} of {}</td><td class=\"n\">{}</td><td class=\"n\">{}</td><td "
+        "class=\"n\">{}</td></tr>\n",
+        name, s.converged, s.starts, s.agreed, s.reweighted,
+        s.singular_values.empty()
+            ? "none free"
+            : fmt::format("{:.2g}", s.singular_values.back() / s.singular_values.front()));
+  }
+  return text + "</table></div>\n";
+}
+
+std::string flows_html(const std::vector<FlowSummary>& flows) {
+  if (flows.empty()) return "<p>No flow was run with this law.</p>\n";
+  double x_max = 0, y_max = 0;
+  for (const FlowSummary& f : flows)
+    for (const FlowSummary::Profile& p : f.profiles)
+      for (std::size_t i = 0; i < p.x.size(); ++i) {
+        if (p.height[i] > 0) x_max = std::max(x_max, p.x[i] / f.L0);
+        y_max = std::max(y_max, p.height[i] / f.L0);
+      }
+  std::string text = figure(
+      figure_deposits(flows),
+      "The free surface where the flow ended, in widths L<sub>0</sub> of the column; dashed: at the start.");
+  text += "<div class=\"pair\">\n";
+  for (std::size_t k = 0; k < flows.size(); ++k)
+    text += figure(figure_profiles(flows[k], k, 1.08 * x_max, 1.12 * y_max),
+                   fmt::format("The free surface over time, {}.", escape_html(flows[k].label)));
+  text += "</div>\n<div class=\"pair\">\n";
+  text += figure(figure_front(flows), "Front: the x that holds 99 % of the mass.");
+  text += figure(figure_height(flows), "Height at the centre of the column.");
+  text +=
+      "</div>\n<div class=\"scroll\"><table>\n<tr><th>Flow</th><th class=\"n\">Run-out (front - "
+      "L<sub>0</sub>)/L<sub>0</sub></th><th class=\"n\">Centre height / "
+      "H<sub>0</sub></th><th class=\"n\">Particles</th><th class=\"n\">Steps</th><th class=\"n\">Wall "
+      "time</th><th class=\"n\">Million particle-steps/s</th><th>Parts</th></tr>\n";
+  for (const FlowSummary& f : flows) {
+    std::string parts = escape_html(f.formulation);
+    for (const std::string& word : f.composition)
+      if (word != f.formulation) parts += ", " + escape_html(word);
+    text += fmt::format(
+        "<tr><td>{}</td><td class=\"n\">{:.3f}</td><td class=\"n\">{:.3f}</td><td class=\"n\">{:.0f}</td><td "
+        "class=\"n\">{:.0f}</td><td "
+        "class=\"n\">{}</td><td class=\"n\">{:.3g}</td><td>{}</td></tr>\n",
+        escape_html(f.label), f.front.back() / f.L0 - 1, f.centre_height.back() / f.H0, f.particles, f.steps,
+        duration(f.wall_seconds), f.particle_steps_per_second / 1e6, parts);
+  }
+  return text + "</table></div>\n";
+}
+
+std::string excluded_html(const Fit& fit) {
+  if (fit.excluded.empty()) return "<p>Nothing: every run entered the fit.</p>\n";
+  std::string text = "<div class=\"scroll\"><table>\n<tr><th>Run</th><th>Why</th></tr>\n";
+  for (const ExcludedRun& run : fit.excluded)
+    text += fmt::format("<tr><td><code>{}</code></td><td>{}</td></tr>\n", escape_html(run.run.substr(0, 16)),
+                        escape_html(run.reason));
+  return text + "</table></div>\n";
+}
+
+std::string steps_html(const ReportInputs& in) {
+  double engine_seconds = 0;
+  std::size_t runs = 0;
+  for (const Observables& o : in.observables) {
+    for (const SteadyPoint& p : o.steady) engine_seconds += p.cpu_seconds, ++runs;
+    for (const Transient& t : o.transients) engine_seconds += t.cpu_seconds, ++runs;
+  }
+  std::string text =
+      "<div class=\"scroll\"><table>\n<tr><th>What</th><th class=\"n\">Time</th><th>Files, with "
+      "SHA-256</th></tr>\n";
+  double total = 0;
+  for (const ReportStep& step : in.steps) {
+    std::string files;
+    for (const std::filesystem::path& file : step.files)
+      files += fmt::format("<div>{} <span class=\"hash\">{}</span></div>",
+                           escape_html(file.filename().string()), sha256_of_file(file));
+    text += fmt::format("<tr><td>{}</td><td class=\"n\">{}</td><td>{}</td></tr>\n", escape_html(step.what),
+                        duration(step.seconds), files);
+    total += step.seconds;
+  }
+  text += fmt::format(
+      "<tr><td><strong>together</strong></td><td class=\"n\">{}</td><td></td></tr>\n</table></div>\n",
+      duration(total));
+  return text +
+         fmt::format("<p class=\"note\">The {} runs of the grains took {} of processor time in {}.</p>\n",
+                     runs, duration(engine_seconds), escape_html(in.fit.engine));
+}
+
+std::string versions_html(const nlohmann::json& provenance) {
+  std::string text = "<div class=\"scroll\"><table>\n";
+  for (const auto& [key, value] : provenance.items())
+    text += fmt::format("<tr><th>{}</th><td>{}</td></tr>\n", escape_html(key),
+                        escape_html(value.is_string() ? value.get<std::string>() : value.dump()));
+  return text + "</table></div>\n";
+}
+
+}  // namespace
+
+std::string escape_html(const std::string& text) {
+  std::string out;
+  for (char c : text) {
+    switch (c) {
+      case '&':
+        out += "&amp;";
+        break;
+      case '<':
+        out += "&lt;";
+        break;
+      case '>':
+        out += "&gt;";
+        break;
+      case '"':
+        out += "&quot;";
+        break;
+      case '\'':
+        out += "&#39;";
+        break;
+      default:
+        if (static_cast<unsigned char>(c) >= 0x20 || c == '\n' || c == '\t') out += c;
+    }
+  }
+  return out;
+}
+
+void write_report(const ReportInputs& in, const std::filesystem::path& page) {
+  std::vector<FlowSummary> flows;
+  for (const ReportFlow& flow : in.flows) flows.push_back(read_flow_summary(flow));
+  const auto stamp = [&] {
+    const auto text = [&](const char* key) { return in.provenance.value(key, std::string("unknown")); };
+    return fmt::format("dem2sph {} ({}), {}", text("version"), text("git_revision"), text("time_utc"));
+  };
+  const std::map<std::string, std::string> parts{{"title", escape_html(in.title)},
+                                                 {"stamp", escape_html(stamp())},
+                                                 {"verdict", escape_html(in.law.verdict)},
+                                                 {"warnings", warnings_html(in.fit)},
+                                                 {"steady", steady_html(in)},
+                                                 {"transients", transients_html(in)},
+                                                 {"parameters", parameters_html(in)},
+                                                 {"flows", flows_html(flows)},
+                                                 {"excluded", excluded_html(in.fit)},
+                                                 {"steps", steps_html(in)},
+                                                 {"versions", versions_html(in.provenance)}};
+  // One pass over the template: what is put in is never searched for marks again.
+  const std::string form = report_template;
+  std::string html;
+  for (std::size_t at = 0; at < form.size();) {
+    const std::size_t open = form.find("{{", at);
+    html += form.substr(at, open == std::string::npos ? open : open - at);
+    if (open == std::string::npos) break;
+    const std::size_t close = form.find("}}", open);
+    const auto part = parts.find(form.substr(open + 2, close - open - 2));
+    if (close == std::string::npos || part == parts.end())
+      throw Error(ExitCode::bug, "the template of the report has a mark that nobody fills");
+    html += part->second;
+    at = close + 2;
+  }
+  write_file_atomically(page, html);
+}
+
+}  // namespace dem2sph

@@ -1,0 +1,227 @@
+// The program as scripts see it: exit codes, messages, files. Examples of cases/ run, shortened by --set.
+#include <gtest/gtest.h>
+
+#include <csignal>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+
+#include "sph/base/frame.hpp"
+#include "sph/base/provenance.hpp"
+#include "sph/base/subprocess.hpp"
+
+namespace dem2sph {
+namespace {
+
+namespace fs = std::filesystem;
+
+class CommandLine : public testing::Test {
+ protected:
+  fs::path folder_ =
+      fs::path(testing::TempDir()) /
+      ("dem2sph_" + std::string(testing::UnitTest::GetInstance()->current_test_info()->name()));
+  void SetUp() override {
+    fs::remove_all(folder_);
+    fs::create_directories(folder_);
+  }
+  void TearDown() override { fs::remove_all(folder_); }
+
+  struct Outcome {
+    int code = -1;
+    std::string text;
+  };
+  Outcome run(std::vector<std::string> arguments, std::map<std::string, std::string> environment = {},
+              double time_limit = 120) const {
+    arguments.insert(arguments.begin(), DEM2SPH_PROGRAM);
+    SubprocessOptions options;
+    options.output = folder_ / "output.txt";
+    options.time_limit = time_limit;
+    options.environment = std::move(environment);
+    options.environment["OMP_NUM_THREADS"] = "1";
+    const SubprocessResult result = run_subprocess(arguments, options);
+    return {result.exit_code, content(folder_ / "output.txt")};
+  }
+  static std::string content(const fs::path& path) {
+    std::ifstream in(path, std::ios::binary);
+    std::ostringstream text;
+    text << in.rdbuf();
+    return text.str();
+  }
+  std::string in(const std::string& name) const { return (folder_ / name).string(); }
+  void expect(const Outcome& outcome, int code, const std::string& text) const {
+    EXPECT_EQ(outcome.code, code) << outcome.text;
+    EXPECT_NE(outcome.text.find(text), std::string::npos)
+        << "expected: " << text << "\nprinted: " << outcome.text;
+  }
+  static std::string example(const std::string& name) { return DEM2SPH_CASES "/" + name + "/case.toml"; }
+  /// The inclined plane, small and short.
+  std::vector<std::string> short_incline(const std::string& output) const {
+    return {"flow",  example("inclined_plane"), "-o",    in(output),     "--set", "flow.resolution=8",
+            "--set", "flow.end_time=0.05 s",    "--set", "flow.frames=3"};
+  }
+};
+
+TEST_F(CommandLine, WrongKeyIsCode2WithLineAndSuggestion) {
+  std::ofstream(in("case.toml"))
+      << "[flow]\nscene = \"column_collapse\"\nresolutoin = 20\n[column]\nlength = \"1 m\"\n";
+  expect(run({"plan", in("case.toml")}), 2,
+         "case.toml:3: [flow] unknown key \"resolutoin\"; did you mean \"resolution\"?");
+}
+
+TEST_F(CommandLine, WrongUnitIsCode2) {
+  std::ofstream(in("case.toml")) << "[flow]\nscene = \"column_collapse\"\n[column]\nlength = \"1 kg\"\n";
+  expect(run({"plan", in("case.toml")}), 2,
+         "case.toml:4: [column] \"length\": \"1 kg\" is kg, but m is expected");
+  std::ofstream(in("case.toml")) << "[flow]\nscene = \"column_collapse\"\n[column]\nlength = 1\n";
+  expect(run({"plan", in("case.toml")}), 2, "\"length\" needs a unit");
+}
+
+TEST_F(CommandLine, UsageErrorsAreCode2) {
+  EXPECT_EQ(run({}).code, 2);
+  EXPECT_EQ(run({"flwo"}).code, 2);
+  EXPECT_EQ(run({"flow", example("inclined_plane")}).code, 2);  // no -o
+  expect(run({"sweep"}), 2, "sweep needs a CASE");
+  expect(run({"flow", example("column_collapse"), "-o", in("out")}), 2, "no material law");
+}
+
+TEST_F(CommandLine, MissingLiggghtsIsCode4) {
+  expect(run({"sweep", example("shear_cell"), "-o", in("out")}, {{"DEM2SPH_LIGGGHTS", "no_such_liggghts"}}),
+         4, "apt-get install");
+}
+
+TEST_F(CommandLine, TruncatedObservablesAreCode3) {
+  std::ofstream(in("observables.h5"), std::ios::binary) << "\x89HDF\r\n\x1a\n and then nothing";
+  expect(run({"fit", in("observables.h5"), "-o", in("law.json")}), 3, "observables.h5");
+  expect(run({"fit", in("absent.h5"), "-o", in("law.json")}), 3, "absent.h5");
+  EXPECT_FALSE(fs::exists(in("law.json")));
+}
+
+TEST_F(CommandLine, BrokenLawIsCode3) {
+  std::ofstream(in("law.json")) << "{\"format\": \"dem2sph-law\"";
+  expect(run({"flow", example("column_collapse"), "--law", in("law.json"), "-o", in("out")}), 3, "law.json");
+}
+
+TEST_F(CommandLine, HelpAndVersionAreCode0) {
+  expect(run({"--help"}), 0, "Examples:");
+  expect(run({"--version"}), 0, "dem2sph");
+  for (const char* command : {"init", "plan", "sweep", "fit", "flow", "run", "report", "export"})
+    expect(run({command, "--help"}), 0, command);
+}
+
+TEST_F(CommandLine, InitGivesACaseThatPlans) {
+  expect(run({"init", in("mine")}), 0, "case.toml");
+  expect(run({"plan", in("mine/case.toml")}), 0, "shear-cell runs");
+  expect(run({"init", in("mine")}), 2, "--force");
+}
+
+TEST_F(CommandLine, ExamplesPlan) {
+  for (const char* name : {"shear_cell", "column_collapse", "inclined_plane"})
+    EXPECT_EQ(run({"plan", example(name)}).code, 0) << name;
+}
+
+TEST_F(CommandLine, FlowWritesWhatItPromises) {
+  expect(run(short_incline("out")), 0, "end time reached");
+  const nlohmann::json summary = read_json(in("out/summary.json"));
+  for (const char* key :
+       {"wall_seconds", "cpu_seconds", "steps", "particles", "threads", "particle_steps_per_second",
+        "pairs_per_second", "bytes_per_particle", "dt", "dt_bounds", "budgets", "series", "formulation",
+        "composition", "law_sha256", "case_sha256", "provenance", "particles_lost"})
+    EXPECT_TRUE(summary.contains(key)) << key;
+  for (const char* key : {"front_99", "centre_height", "kinetic_energy", "max_speed"})
+    EXPECT_EQ(summary.at("series").at(key).size(), summary.at("series").at("time").size()) << key;
+  for (int k = 0; k < 4; ++k) {
+    const Frame frame = read_frame(in("out/frames/frame_0000" + std::to_string(k) + ".h5"));
+    EXPECT_NEAR(frame.time, 0.05 * k / 3, 1e-9);
+    for (const char* field : {"x", "v", "rho", "p", "stress", "gamma_dot", "mu", "id", "kind"})
+      EXPECT_TRUE(frame.has(field)) << field;
+    EXPECT_FALSE(frame.has("beta")) << "no dilation, no column";
+  }
+  // Results are not overwritten unless told to.
+  expect(run(short_incline("out")), 2, "--force");
+  std::vector<std::string> forced = short_incline("out");
+  forced.push_back("--force");
+  expect(run(forced), 0, "end time reached");
+}
+
+TEST_F(CommandLine, EveryFrameOpensInParaView) {
+  if (!program_exists("pvpython"))
+    GTEST_SKIP() << "pvpython is not installed: packages paraview and python3-paraview";
+  expect(run(short_incline("out")), 0, "end time reached");
+  SubprocessOptions options;
+  options.output = in("paraview.txt");
+  options.time_limit = 200;
+  ASSERT_TRUE(run_subprocess({"pvpython", DEM2SPH_READ_SERIES, in("out/frames.pvd"), "p"}, options).ok());
+  std::istringstream lines(content(in("paraview.txt")));
+  int frames = 0;
+  for (std::string line; std::getline(lines, line);) {
+    std::istringstream words(line);
+    std::string kind, time;
+    std::size_t points = 0;
+    words >> kind >> time >> points;
+    if (kind != "seen") continue;
+    const Frame frame = read_frame(in("out/frames/frame_0000" + std::to_string(frames) + ".h5"));
+    EXPECT_EQ(std::stod(time), frame.time);
+    EXPECT_EQ(points, frame.size());
+    ++frames;
+  }
+  EXPECT_EQ(frames, 4) << content(in("paraview.txt"));
+}
+
+TEST_F(CommandLine, ExportWritesColumnsWithUnits) {
+  expect(run(short_incline("out")), 0, "end time reached");
+  expect(run({"export", in("out/frames/frame_00003.h5"), "--fields", "x,p", "-o", in("frame.csv")}), 0, "");
+  std::istringstream lines(content(in("frame.csv")));
+  std::string line;
+  std::getline(lines, line);
+  EXPECT_EQ(line.substr(0, 6), "# t = ");
+  std::getline(lines, line);
+  EXPECT_EQ(line, "x_0 [m],x_1 [m],x_2 [m],p [Pa]");
+  std::size_t rows = 0;
+  while (std::getline(lines, line)) ++rows;
+  EXPECT_EQ(rows, read_frame(in("out/frames/frame_00003.h5")).size());
+  expect(run({"export", in("out/frames/frame_00003.h5"), "--fields", "y", "-o", in("other.csv")}), 3,
+         "no field \"y\"");
+}
+
+TEST_F(CommandLine, AStoppedFlowResumesToTheSameEnd) {
+  std::vector<std::string> arguments = short_incline("whole");
+  arguments[5] = "flow.resolution=16";
+  arguments[7] = "flow.end_time=0.4 s";
+  expect(run(arguments), 0, "end time reached");
+  arguments[3] = in("stopped");
+  // SIGTERM after half a second, again and again until it is through: each part ends with code 75.
+  int interruptions = 0;
+  while (true) {
+    std::vector<std::string> timed{"timeout", "-s", "TERM", "0.5", DEM2SPH_PROGRAM};
+    timed.insert(timed.end(), arguments.begin(), arguments.end());
+    SubprocessOptions options;
+    options.output = in("output.txt");
+    options.environment["OMP_NUM_THREADS"] = "1";
+    timed.insert(timed.begin() + 1, "--preserve-status");
+    const SubprocessResult result = run_subprocess(timed, options);
+    if (result.exit_code == 0) break;
+    ASSERT_EQ(result.exit_code, 75) << content(in("output.txt"));
+    ASSERT_TRUE(fs::exists(in("stopped/checkpoint.h5")));
+    ASSERT_LT(++interruptions, 100);
+  }
+  EXPECT_GT(interruptions, 0) << "the flow was over before the first signal: make it longer";
+  const nlohmann::json whole = read_json(in("whole/summary.json"));
+  const nlohmann::json stopped = read_json(in("stopped/summary.json"));
+  EXPECT_EQ(whole.at("series"), stopped.at("series"));
+  EXPECT_EQ(whole.at("steps"), stopped.at("steps"));
+  EXPECT_EQ(whole.at("budgets"), stopped.at("budgets"));
+  EXPECT_EQ(read_frame(in("whole/frames/frame_00003.h5")).field("v").values,
+            read_frame(in("stopped/frames/frame_00003.h5")).field("v").values);
+}
+
+TEST_F(CommandLine, DryRunRunsNothing) {
+  std::vector<std::string> arguments = short_incline("out");
+  arguments.push_back("--dry-run");
+  expect(run(arguments), 0, "particle-steps");
+  EXPECT_FALSE(fs::exists(in("out")));
+  expect(run({"sweep", example("shear_cell"), "-o", in("out"), "--dry-run"}), 0, "core-seconds");
+  EXPECT_FALSE(fs::exists(in("out")));
+}
+
+}  // namespace
+}  // namespace dem2sph
