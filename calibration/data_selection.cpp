@@ -42,7 +42,7 @@ void check_point(const SteadyPoint& point) {
           name, v));
   };
   value(point.I, "I"), value(point.mu, "mu"), value(point.phi, "phi"), value(point.p, "p");
-  value(point.wall_mu, "wall_mu"), value(point.I_driven, "I_driven");
+  value(point.wall_mu, "wall_mu"), value(point.I_driven, "I_driven"), value(point.phi_drift, "phi_drift");
   if (!(point.I >= 0)) throw InputError(fmt::format("run {}: I = {:g} is negative", point.run, point.I));
   error(point.I_se, "I"), error(point.mu_se, "mu"), error(point.phi_se, "phi");
 }
@@ -121,10 +121,12 @@ SelectedData select_data(const std::vector<Observables>& observables, const FitO
       datum.run = point.run;
       datum.seed = point.seed;
       datum.I_driven = point.I_driven;
+      datum.phi_drift = point.phi_drift;
       datum.I = point.I;
       datum.I_se = std::max({point.I_se, seeds(spread.I), options.I_floor * point.I});
       if (point.I <= options.friction_I_max) {
         datum.value = point.mu;
+        datum.flat = point.mu_flat && point.I_flat;
         datum.value_se = std::max({point.mu_se, seeds(spread.mu), options.mu_floor});
         selected.friction.push_back(datum);
       } else {
@@ -134,6 +136,7 @@ SelectedData select_data(const std::vector<Observables>& observables, const FitO
       }
       if (point.I <= options.phi_I_max) {
         datum.value = point.phi;
+        datum.flat = point.phi_flat && point.I_flat;
         datum.value_se = std::max({point.phi_se, seeds(spread.phi), options.phi_floor});
         selected.solid_fraction.push_back(datum);
       } else {

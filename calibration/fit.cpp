@@ -980,6 +980,33 @@ std::string interval(const Estimate& e) {
 
 bool open(const Estimate& e) { return e.at_bound || !(e.standard_error < 0.5 * std::abs(e.value)); }
 
+// Runs whose own evidence says that a mean or its error is not what it seems.
+void warn_of_evidence(Fit& fit) {
+  const auto names = [](const std::vector<SteadyDatum>& data, auto&& doubtful) {
+    std::vector<std::string> list;
+    for (const SteadyDatum& d : data)
+      if (doubtful(d)) list.push_back(fmt::format("{} (driven I = {:g})", d.run, d.I_driven));
+    return list;
+  };
+  const auto rising = [](const SteadyDatum& d) { return !d.flat; };
+  // Beyond three standard errors chance brings one steady run in 370.
+  const auto drifting = [](const SteadyDatum& d) { return std::abs(d.phi_drift) > 3; };
+  const auto about = [&](const std::vector<SteadyDatum>& data, const char* law) {
+    if (const std::vector<std::string> runs = names(data, rising); !runs.empty())
+      fit.warnings.push_back(
+          fmt::format("{}: the standard errors of {} of {} points were still growing with the length of the "
+                      "blocks and may be too small; shear these runs for longer (strain_used): {}",
+                      law, runs.size(), data.size(), fmt::join(runs, ", ")));
+    if (const std::vector<std::string> runs = names(data, drifting); !runs.empty())
+      fit.warnings.push_back(fmt::format(
+          "{}: in {} of {} points phi still drifted by more than 3 standard errors, so the flow was "
+          "not steady; drop more of the start (strain_dropped): {}",
+          law, runs.size(), data.size(), fmt::join(runs, ", ")));
+  };
+  about(fit.friction_data, "friction");
+  about(fit.solid_fraction_data, "solid fraction");
+}
+
 void judge(Fit& fit) {
   const auto warn = [&](std::string text) { fit.warnings.push_back(std::move(text)); };
   std::vector<std::string> unknown;
@@ -1068,6 +1095,14 @@ void judge(Fit& fit) {
   };
   scatter(fit.friction, "friction", "The rational law or the standard errors are not right for these data.");
   scatter(fit.solid_fraction, "solid fraction", "phi(I) is not a straight line here: lower phi_I_max.");
+  warn_of_evidence(fit);
+  const Estimate& share = fit.beta_in_mu;
+  if (!share.name.empty() && (share.low > 1 || share.high < 1))
+    warn(fmt::format(
+        "the solver adds all of beta to mu (Eq. 5.7), while in the start-ups {:.2f} +- {:.2f} of it "
+        "shows in mu (95 % interval {:.2f} to {:.2f}): while it dilates, a flow with this law is "
+        "too {}",
+        share.value, share.standard_error, share.low, share.high, share.high < 1 ? "strong" : "weak"));
 
   if (fit.options.strict && !unknown.empty())
     throw IdentifiabilityError(

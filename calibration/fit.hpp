@@ -125,6 +125,8 @@ struct SteadyDatum {
   double I_driven = 0;
   double I = 0, I_se = 0;          ///< I_se with floor and seed spread
   double value = 0, value_se = 0;  ///< mu or phi; value_se with floor and seed spread
+  bool flat = true;                ///< the errors of value and I had stopped growing with the block length
+  double phi_drift = 0;            ///< of the run: change of phi between its halves, in standard errors
   double effective_se = 0;         ///< with the error of I carried over by the slope of the law
   double fitted = 0;
   double residual = 0;  ///< (value - fitted)/effective_se
@@ -202,7 +204,9 @@ FrictionWithGradient friction_with_gradient(const RationalFriction<double>& law,
 LawFile make_law_file(const Fit& fit, std::span<const std::filesystem::path> observables);
 /// Everything about the fit, as fit.json holds it.
 nlohmann::json to_json(const Fit& fit, std::span<const std::filesystem::path> observables);
-/// Writes `law_path` and, beside it, fit.json.
+/// Where the account of a fit lies: fit.json beside law.json, NAME.fit.json beside NAME.json.
+std::filesystem::path fit_path_of(const std::filesystem::path& law_path);
+/// Writes `law_path` and, beside it, fit_path_of(law_path).
 void write_fit(const Fit& fit, std::span<const std::filesystem::path> observables,
                const std::filesystem::path& law_path);
 

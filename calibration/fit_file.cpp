@@ -59,6 +59,8 @@ json data_to_json(const std::vector<SteadyDatum>& data) {
                     {"value", d.value},
                     {"value_se", d.value_se},
                     {"effective_se", d.effective_se},
+                    {"flat", d.flat},
+                    {"phi_drift", d.phi_drift},
                     {"fitted", d.fitted},
                     {"residual", d.residual}});
   return list;
@@ -227,10 +229,16 @@ json to_json(const Fit& fit, std::span<const std::filesystem::path> observables)
   return out;
 }
 
+std::filesystem::path fit_path_of(const std::filesystem::path& law_path) {
+  if (law_path.filename() == "law.json") return law_path.parent_path() / "fit.json";
+  const std::filesystem::path name = law_path.extension() == ".json" ? law_path.stem() : law_path.filename();
+  return law_path.parent_path() / (name.string() + ".fit.json");
+}
+
 void write_fit(const Fit& fit, std::span<const std::filesystem::path> observables,
                const std::filesystem::path& law_path) {
   write_law_file(make_law_file(fit, observables), law_path);
-  write_file_atomically(law_path.parent_path() / "fit.json", to_json(fit, observables).dump(1) + "\n");
+  write_file_atomically(fit_path_of(law_path), to_json(fit, observables).dump(1) + "\n");
 }
 
 }  // namespace dem2sph

@@ -387,6 +387,7 @@ std::string render_svg(const std::string& name, const std::string& script, int w
   std::string svg = read(folder / "figure.svg");
   const std::string log = read(folder / "log");
   std::filesystem::remove_all(folder);
+  if (result.stopped) throw Interrupted("stopped while drawing the report; the same command makes it again");
   const std::size_t start = svg.find("<svg");
   const std::size_t end = svg.rfind("</svg>");
   if (!result.ok() || start == std::string::npos || end == std::string::npos)

@@ -34,6 +34,49 @@ struct Variant {
 constexpr Variant variants[] = {{"flow_without_dilation", "without dilation", "none"},
                                 {"flow_with_dilation", "with dilation (Eq. 5.22)", "evolve"}};
 
+/// The case as one variant of the flow needs it.
+CaseFile case_of(const Variant& variant, const fs::path& path, std::vector<std::string> overrides) {
+  overrides.push_back(fmt::format("flow.dilation={}", variant.dilation));
+  CaseFile file = load_case(path, overrides);
+  if (std::string_view(variant.dilation) == "none")
+    for (const char* key : {"beta_lowest", "beta_highest"}) file.erase("flow", key);
+  return file;
+}
+
+/// A law like that of glass beads: stands in for the fitted one to check and plan a flow before anything has
+/// run.
+LawFile placeholder_law() {
+  const auto parameter = [](const char* name, double value) {
+    return FittedParameter{name, value, 0, "1", false};
+  };
+  LawFile law;
+  law.d = 1e-3;
+  law.rho_s = 2500;
+  law.friction = {
+      "rational", {parameter("mu_l", 0.38), parameter("mu_h", 0.64), parameter("D_star", 0.28)}, 0};
+  law.solid_fraction = {"linear", {parameter("phi_c", 0.6), parameter("b", 0.2)}, 0};
+  law.dilation = {"phi_relaxes", {parameter("s_star", 0.3)}, 0};
+  return law;
+}
+
+/// What `run` refuses, said before the first LIGGGHTS run instead of after the last.
+void check_chain(const CaseFile& file, const CaseFile& cell) {
+  const std::string name = file.path().string();
+  if (file.has("law"))
+    throw UsageError(
+        fmt::format("{}: `run` fits the law itself; remove the section [law], or use `flow`", name));
+  if (!file.has("flow")) throw UsageError(fmt::format("{}: `run` needs a section [flow]", name));
+  if (!cell.has("shear_cell"))
+    throw UsageError(fmt::format("{}: `run` needs a section [shear_cell], or chain.shear_cell", name));
+  const Section flow = file.section(*flow_tables().front());
+  if (flow.given("dilation"))
+    flow.refuse("dilation",
+                "`run` runs the flow with and without dilation; remove \"dilation\", or use `flow`");
+  if (flow.word("scene") != "column_collapse")
+    flow.refuse("scene",
+                "the report of `run` shows a collapse; use `sweep`, `fit` and `flow` for other scenes");
+}
+
 class Stopwatch {
  public:
   double seconds() const {
@@ -83,10 +126,15 @@ std::string plan_chain(const CaseFile& file, const CommonOptions& options) {
   if (cell.has("shear_cell"))
     text += bridge::describe(bridge::plan_sweep(cell, "unknown"), jobs_or_cores(options.jobs));
   if (file.has("flow")) {
-    if (file.has("law"))
+    if (file.has("law")) {
       text += plan_flow(file, law_of_case(file));
-    else
-      text += "flow: planned once its law is fitted (or give [law], or flow --law)\n";
+    } else if (file.section(*flow_tables().front()).given("dilation")) {
+      text += "with a typical law in place of a fitted one:\n" + plan_flow(file, placeholder_law());
+    } else {
+      text += "with a typical law in place of the fitted one:\n";
+      for (const Variant& variant : variants)
+        text += plan_flow(case_of(variant, file.path(), options.overrides), placeholder_law());
+    }
   }
   if (text.empty())
     throw UsageError(
@@ -97,15 +145,9 @@ std::string plan_chain(const CaseFile& file, const CommonOptions& options) {
 json run_chain(const fs::path& case_path, const fs::path& folder, const CommonOptions& options) {
   const CaseFile file = load_case(case_path, options.overrides);
   const CaseFile cell = shear_cell_case(file);
-  if (file.has("law"))
-    throw UsageError(fmt::format("{}: `run` fits the law itself; remove the section [law], or use `flow`",
-                                 case_path.string()));
-  if (!file.has("flow"))
-    throw UsageError(fmt::format("{}: `run` needs a section [flow]", case_path.string()));
-  if (file.section(*flow_tables().front()).given("dilation"))
-    throw UsageError(
-        fmt::format("{}: `run` runs the flow with and without dilation; remove flow.dilation, or use `flow`",
-                    case_path.string()));
+  check_chain(file, cell);
+  for (const Variant& variant : variants)
+    plan_flow(case_of(variant, case_path, options.overrides), placeholder_law());
   const Section fit_section = file.section(fit_table);
   const FitOptions fit_options = FitOptions::from(fit_section);
   fs::create_directories(folder);
@@ -130,6 +172,13 @@ json run_chain(const fs::path& case_path, const fs::path& folder, const CommonOp
   Stopwatch fit_time;
   const std::vector<fs::path> observables_paths{observables_path};
   const Fit fit = fit_law({read_observables(observables_path)}, fit_options);
+  const std::string hash = law_hash(make_law_file(fit, observables_paths));
+  if (!options.force && fs::exists(folder / "law.json") &&
+      law_hash(read_law_file(folder / "law.json")) != hash)
+    throw UsageError(
+        fmt::format("{}: holds another law, and flows that belong to it; use --force to replace both, or "
+                    "another -o",
+                    (folder / "law.json").string()));
   write_fit(fit, observables_paths, folder / "law.json");
   steps.push_back(step_json("fit of the law (Ceres)", fit_time.seconds(), {"law.json", "fit.json"}));
 
@@ -138,15 +187,17 @@ json run_chain(const fs::path& case_path, const fs::path& folder, const CommonOp
   json flows = json::array();
   for (const Variant& variant : variants) {
     Stopwatch flow_time;
-    std::vector<std::string> overrides = options.overrides;
-    overrides.push_back(fmt::format("flow.dilation={}", variant.dilation));
+    if (std::string_view(variant.dilation) == "evolve" && law.dilation.member == "none") {
+      spdlog::warn("no start-ups, so no law of dilation: the flow with dilation is left out");
+      continue;
+    }
     FlowOptions flow_options;
     flow_options.folder = folder / variant.folder;
     flow_options.force = options.force;
     flow_options.reuse = true;
     flow_options.quiet = options.quiet;
     flow_options.threads = options.threads;
-    const json summary = run_flow(load_case(case_path, overrides), law, flow_options);
+    const json summary = run_flow(case_of(variant, case_path, options.overrides), law, flow_options);
     const std::string file_name = fmt::format("{}/summary.json", variant.folder);
     flows.push_back({{"label", variant.label}, {"summary", file_name}});
     steps.push_back(
@@ -157,7 +208,7 @@ json run_chain(const fs::path& case_path, const fs::path& folder, const CommonOp
 
   const json run = {{"format", "dem2sph-run"},
                     {"schema_version", 1},
-                    {"title", case_path.parent_path().filename().string()},
+                    {"title", fs::absolute(case_path).parent_path().filename().string()},
                     {"case", fs::absolute(case_path).string()},
                     {"effective", file.effective()},
                     {"observables", {"shear_cell/observables.h5"}},
@@ -195,9 +246,13 @@ fs::path make_report(const fs::path& folder) {
     inputs.law = read_law_file(folder / run.at("law").get<std::string>());
     const CaseFile fit_case = CaseFile::parse(run.at("fit_section").get<std::string>(), path.string());
     inputs.fit = fit_law(inputs.observables, FitOptions::from(fit_case.section(fit_table)));
-    for (const json& flow : run.at("flows"))
-      inputs.flows.push_back(
-          {flow.at("label").get<std::string>(), folder / flow.at("summary").get<std::string>()});
+    for (const json& flow : run.at("flows")) {
+      const fs::path summary = folder / flow.at("summary").get<std::string>();
+      if (read_json(summary).at("law_sha256") != law_hash(inputs.law))
+        throw InputError(fmt::format("{}: was run with another law than {}", summary.string(),
+                                     (folder / run.at("law").get<std::string>()).string()));
+      inputs.flows.push_back({flow.at("label").get<std::string>(), summary});
+    }
     for (const json& step : run.at("steps")) {
       ReportStep entry{step.at("what").get<std::string>(), step.at("seconds").get<double>(), {}};
       for (const json& file : step.at("files")) entry.files.push_back(folder / file.get<std::string>());

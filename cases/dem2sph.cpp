@@ -4,7 +4,6 @@
 #include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>
-#include <csignal>
 #include <iostream>
 
 #include "cases/case_template.hpp"
@@ -105,14 +104,25 @@ ExitCode sweep_retry(const Options& options) {
                       options);
 }
 
-ExitCode fit(const Options& options) {
-  const CaseFile file = options.case_file.empty() ? CaseFile::parse("", "command line", options.overrides)
-                                                  : load_case(options.case_file, options.overrides);
+/// A file that a command is to write: not there yet (or --force), its folder made.
+void prepare_output(const Options& options) {
   if (fs::exists(options.output) && !options.force)
     throw UsageError(
         fmt::format("{}: is there already; use --force to overwrite it", options.output.string()));
+  if (options.output.has_parent_path()) fs::create_directories(options.output.parent_path());
+}
+
+ExitCode fit(const Options& options) {
+  CaseFile file = CaseFile::parse("", "command line", options.overrides);
+  if (options.case_file.empty()) {
+    const ParameterTable* const only_fit[] = {&fit_table};
+    file.validate(only_fit);
+  } else {
+    file = load_case(options.case_file, options.overrides);
+  }
   std::vector<Observables> observables;
   for (const fs::path& path : options.observables) observables.push_back(read_observables(path));
+  prepare_output(options);
   const Fit result = fit_law(observables, FitOptions::from(file.section(fit_table)));
   write_fit(result, options.observables, options.output);
   print(options, dem2sph::to_json(result, options.observables), describe(result));
@@ -135,7 +145,6 @@ ExitCode flow(const Options& options) {
   flow_options.force = options.force;
   flow_options.quiet = options.quiet;
   flow_options.threads = options.threads;
-  if (!options.law.empty()) flow_options.law_hash = sha256_of_file(options.law);
   const json summary = run_flow(file, law, flow_options);
   std::string text =
       fmt::format("{} at t = {:.4g} s; {}\n", summary.at("ended").get<std::string>(),
@@ -166,9 +175,6 @@ ExitCode report(const Options& options) {
 
 ExitCode export_frame(const Options& options) {
   const Frame frame = read_frame(options.frame);
-  if (fs::exists(options.output) && !options.force)
-    throw UsageError(
-        fmt::format("{}: is there already; use --force to overwrite it", options.output.string()));
   std::vector<const FrameField*> columns;
   std::stringstream names(options.fields);
   for (std::string name; std::getline(names, name, ',');) columns.push_back(&frame.field(name));
@@ -185,6 +191,7 @@ ExitCode export_frame(const Options& options) {
                             columns[k]->values[i * columns[k]->components + c]);
     text += '\n';
   }
+  prepare_output(options);
   write_file_atomically(options.output, text);
   return ExitCode::ok;
 }
@@ -206,18 +213,31 @@ int program(int argc, char** argv) {
       "6 not identifiable, 7 validation bar missed, 75 interrupted and resumable.");
   Options options;
   ExitCode (*chosen)(const Options&) = nullptr;
+  // Each command takes the options that change something for it; others are refused.
   const auto add = [&](CLI::App& parent, const char* name, const char* sentence,
                        ExitCode (*function)(const Options&)) {
     CLI::App* command = parent.add_subcommand(name, sentence);
+    command->add_flag("--json", options.as_json, "Print the result as JSON");
+    command->final_callback([&chosen, function] { chosen = function; });
+    return command;
+  };
+  const auto overrides = [&](CLI::App* command) {
     command
         ->add_option("--set", options.overrides, "Override a key of the case: section.key=value (repeatable)")
         ->allow_extra_args(false);
+    return command;
+  };
+  const auto forces = [&](CLI::App* command) {
+    command->add_flag("--force", options.force, "Overwrite earlier results");
+    return command;
+  };
+  const auto shows_progress = [&](CLI::App* command) {
+    command->add_flag("-q,--quiet", options.quiet, "No progress");
+    return command;
+  };
+  const auto threads = [&](CLI::App* command) {
     command->add_option("--threads", options.threads, "Threads of one flow (0: as many as its size is worth)")
         ->check(CLI::NonNegativeNumber);
-    command->add_flag("--json", options.as_json, "Print the result as JSON");
-    command->add_flag("--force", options.force, "Overwrite earlier results");
-    command->add_flag("-q,--quiet", options.quiet, "No progress");
-    command->final_callback([&chosen, function] { chosen = function; });
     return command;
   };
   const auto takes_case = [&](CLI::App* command) {
@@ -238,45 +258,42 @@ int program(int argc, char** argv) {
     return command;
   };
 
-  add(app, "init", "Write a commented case to start from", init)
+  forces(add(app, "init", "Write a commented case to start from", init))
       ->add_option("DIR", options.output, "Folder to make")
       ->required();
-  parallel(
-      takes_case(add(app, "plan", "Check a case; print what will run, what is left out, the cost", plan)));
-  CLI::App* sweeping = app.add_subcommand("sweep", "Run what is missing of the LIGGGHTS runs");
-  {
-    // `sweep CASE -o DIR`, or `sweep status DIR`, `sweep retry DIR`.
-    sweeping->require_subcommand(0, 1);
-    sweeping->add_option("CASE", options.case_file, "Case file (TOML)");
-    sweeping->add_option("-o,--output", options.output, "Folder for runs/ and observables.h5");
-    sweeping
-        ->add_option("--set", options.overrides, "Override a key of the case: section.key=value (repeatable)")
-        ->allow_extra_args(false);
-    sweeping->add_flag("--json", options.as_json, "Print the result as JSON");
-    sweeping->add_flag("-q,--quiet", options.quiet, "No progress");
-    dry(parallel(sweeping));
-    sweeping->final_callback([&] {
-      if (chosen == nullptr) chosen = sweep;
-    });
-    CLI::App* status = add(*sweeping, "status", "State of every run of a sweep", sweep_status);
-    status->add_option("DIR", options.output, "Folder of the sweep")->required();
-    CLI::App* retry = add(*sweeping, "retry", "Run what failed once more", sweep_retry);
-    retry->add_option("DIR", options.output, "Folder of the sweep")->required();
-    parallel(retry);
-  }
-  CLI::App* fitting = writes(add(app, "fit", "Fit the law to observables (Ceres)", fit), "Law file to write");
+  parallel(overrides(
+      takes_case(add(app, "plan", "Check a case; print what will run, what is left out, the cost", plan))));
+  // `sweep CASE -o DIR`, or `sweep status DIR`, `sweep retry DIR`.
+  CLI::App* sweeping = overrides(
+      dry(parallel(shows_progress(add(app, "sweep", "Run what is missing of the LIGGGHTS runs", sweep)))));
+  sweeping->require_subcommand(0, 1);
+  sweeping->add_option("CASE", options.case_file, "Case file (TOML)");
+  sweeping->add_option("-o,--output", options.output, "Folder for runs/ and observables.h5");
+  sweeping->final_callback([&] {
+    if (chosen == nullptr) chosen = sweep;
+  });
+  add(*sweeping, "status", "State of every run of a sweep", sweep_status)
+      ->add_option("DIR", options.output, "Folder of the sweep")
+      ->required();
+  parallel(shows_progress(add(*sweeping, "retry", "Run what failed once more", sweep_retry)))
+      ->add_option("DIR", options.output, "Folder of the sweep")
+      ->required();
+  CLI::App* fitting = forces(
+      overrides(writes(add(app, "fit", "Fit the law to observables (Ceres)", fit), "Law file to write")));
   fitting->add_option("OBSERVABLES", options.observables, "observables.h5, one or more")->required();
   fitting->add_option("--case", options.case_file, "Case file with a section [fit]");
-  dry(writes(takes_case(add(app, "flow", "Run the SPH flow of a case", flow)),
-             "Folder for summary and frames"))
+  CLI::App* flowing = add(app, "flow", "Run the SPH flow of a case", flow);
+  forces(
+      shows_progress(threads(dry(overrides(writes(takes_case(flowing), "Folder for summary and frames"))))))
       ->add_option("--law", options.law, "Law file of a fit; without it the case needs a section [law]");
-  parallel(dry(writes(takes_case(add(app, "run", "The whole chain: grains, law, flow, report", run)),
-                      "Folder for everything")));
+  CLI::App* running = add(app, "run", "The whole chain: grains, law, flow, report", run);
+  forces(shows_progress(
+      threads(parallel(dry(overrides(writes(takes_case(running), "Folder for everything")))))));
   add(app, "report", "Make report.html again from a folder of `run`", report)
       ->add_option("DIR", options.output, "Folder of `run`")
       ->required();
   CLI::App* exporting =
-      writes(add(app, "export", "Write a frame as text (CSV)", export_frame), "File to write");
+      forces(writes(add(app, "export", "Write a frame as text (CSV)", export_frame), "File to write"));
   exporting->add_option("FRAME", options.frame, "Frame (.h5)")->required();
   exporting->add_option("--fields", options.fields, "Fields, separated by commas")->capture_default_str();
 

@@ -3,8 +3,9 @@
 # column collapse with and without dilation, writes the report. About ten minutes on two cores; run again, it resumes.
 #   bash cases/quickstart.sh [FOLDER]      FOLDER defaults to out/quickstart
 set -euo pipefail
+folder=${1:+$(realpath -m "$1")}
 cd "$(dirname "$0")/.."
-folder=${1:-out/quickstart}
+folder=${folder:-out/quickstart}
 started=$SECONDS
 
 bash cases/install_packages.sh

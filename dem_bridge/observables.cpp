@@ -19,19 +19,22 @@ struct SteadyColumn {
   const char* unit;
   double SteadyPoint::*member;
 };
-constexpr SteadyColumn steady_columns[] = {{"I_driven", "1", &SteadyPoint::I_driven},
-                                           {"I", "1", &SteadyPoint::I},
-                                           {"I_se", "1", &SteadyPoint::I_se},
-                                           {"mu", "1", &SteadyPoint::mu},
-                                           {"mu_se", "1", &SteadyPoint::mu_se},
-                                           {"phi", "1", &SteadyPoint::phi},
-                                           {"phi_se", "1", &SteadyPoint::phi_se},
-                                           {"p", "Pa", &SteadyPoint::p},
-                                           {"p_se", "Pa", &SteadyPoint::p_se},
-                                           {"wall_mu", "1", &SteadyPoint::wall_mu},
-                                           {"wall_p", "Pa", &SteadyPoint::wall_p},
-                                           {"strain", "1", &SteadyPoint::strain},
-                                           {"cpu_seconds", "s", &SteadyPoint::cpu_seconds}};
+constexpr SteadyColumn steady_columns[] = {
+    {"I_driven", "1", &SteadyPoint::I_driven},   {"I", "1", &SteadyPoint::I},
+    {"I_se", "1", &SteadyPoint::I_se},           {"mu", "1", &SteadyPoint::mu},
+    {"mu_se", "1", &SteadyPoint::mu_se},         {"phi", "1", &SteadyPoint::phi},
+    {"phi_se", "1", &SteadyPoint::phi_se},       {"p", "Pa", &SteadyPoint::p},
+    {"p_se", "Pa", &SteadyPoint::p_se},          {"wall_mu", "1", &SteadyPoint::wall_mu},
+    {"wall_p", "Pa", &SteadyPoint::wall_p},      {"strain", "1", &SteadyPoint::strain},
+    {"phi_drift", "1", &SteadyPoint::phi_drift}, {"cpu_seconds", "s", &SteadyPoint::cpu_seconds}};
+
+struct SteadyFlag {
+  const char* name;
+  bool SteadyPoint::*member;
+};
+constexpr SteadyFlag steady_flags[] = {{"I_flat", &SteadyPoint::I_flat},
+                                       {"mu_flat", &SteadyPoint::mu_flat},
+                                       {"phi_flat", &SteadyPoint::phi_flat}};
 
 struct TransientColumn {
   const char* name;
@@ -94,6 +97,12 @@ void write_observables(const Observables& observables, const std::filesystem::pa
     file.write(std::string("steady/") + column.name, values, column.unit);
   }
 
+  for (const SteadyFlag& flag : steady_flags) {
+    std::vector<std::int64_t> values;
+    for (const SteadyPoint& point : observables.steady) values.push_back(point.*flag.member ? 1 : 0);
+    file.write(std::string("steady/") + flag.name, values, "1");
+  }
+
   for (std::size_t i = 0; i < observables.transients.size(); ++i) {
     const Transient& transient = observables.transients[i];
     const std::string group = fmt::format("transients/{:04}", i);
@@ -142,6 +151,13 @@ Observables read_observables(const std::filesystem::path& path) {
     const std::vector<double> values = file.doubles(name, column.unit);
     if (values.size() != runs.size()) ragged(path, name);
     for (std::size_t i = 0; i < runs.size(); ++i) observables.steady[i].*column.member = values[i];
+  }
+
+  for (const SteadyFlag& flag : steady_flags) {
+    const std::string name = std::string("steady/") + flag.name;
+    const std::vector<std::int64_t> values = file.integers(name, "1");
+    if (values.size() != runs.size()) ragged(path, name);
+    for (std::size_t i = 0; i < runs.size(); ++i) observables.steady[i].*flag.member = values[i] != 0;
   }
 
   for (const std::string& key : file.names("transients")) {

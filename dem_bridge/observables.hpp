@@ -22,7 +22,10 @@ struct SteadyPoint {
   double wall_mu = 0;          ///< from the force on the wall, for comparison
   double wall_p = 0;           ///< [Pa]
   double strain = 0;           ///< core strain averaged over
-  double cpu_seconds = 0;      ///< of LIGGGHTS
+  /// The jackknife's error had stopped growing with the length of its blocks; else it may be too small.
+  bool I_flat = true, mu_flat = true, phi_flat = true;
+  double phi_drift = 0;    ///< (second half - first half) of phi, in standard errors
+  double cpu_seconds = 0;  ///< of LIGGGHTS
 };
 
 /// One transient on its own strain axis; all lists have the same length.

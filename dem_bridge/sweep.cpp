@@ -1,6 +1,9 @@
 #include "dem_bridge/sweep.hpp"
 
+#include <fcntl.h>
 #include <fmt/format.h>
+#include <spdlog/spdlog.h>
+#include <sys/file.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -8,7 +11,9 @@
 #include <cerrno>
 #include <chrono>
 #include <cmath>
+#include <condition_variable>
 #include <csignal>
+#include <cstring>
 #include <exception>
 #include <fstream>
 #include <map>
@@ -309,6 +314,17 @@ std::string start_of_process(long pid) {
   return word;
 }
 
+/// Process ids of another name space, that is of another container, mean nothing here.
+std::string pid_namespace() {
+  std::error_code unknown;
+  return fs::read_symlink("/proc/self/ns/pid", unknown).string();
+}
+
+// An owner that cannot be asked has to show that it lives: it touches owner.json, and has fifteen chances to
+// do so before it counts as dead.
+constexpr std::chrono::seconds heartbeat_interval{20};
+constexpr std::chrono::seconds heartbeat_limit{300};
+
 struct Owner {
   bool alive = false;
   std::string text;
@@ -317,17 +333,21 @@ struct Owner {
 /// Who holds the claim in a run's folder; nothing if there is none.
 std::optional<Owner> owner_of(const fs::path& run_folder) {
   const fs::path claim = run_folder / "claim";
+  const fs::path file = claim / "owner.json";
   std::error_code status;
   if (!fs::is_directory(claim, status)) return std::nullopt;
-  if (!fs::exists(claim / "owner.json", status)) {
+  const auto age = [&](const fs::path& path) {
+    const auto time = fs::last_write_time(path, status);
+    return status ? std::chrono::seconds::max()
+                  : std::chrono::duration_cast<std::chrono::seconds>(fs::file_time_type::clock::now() - time);
+  };
+  if (!fs::exists(file, status)) {
     // Between the mkdir and the file lie milliseconds: a minute later nobody is coming.
-    const auto made = fs::last_write_time(claim, status);
-    const bool fresh = !status && fs::file_time_type::clock::now() - made < std::chrono::minutes(1);
-    return Owner{fresh, "an unknown process"};
+    return Owner{age(claim) < std::chrono::minutes(1), "an unknown process"};
   }
   nlohmann::json owner;
   try {
-    owner = read_json(claim / "owner.json");
+    owner = read_json(file);
   } catch (const InputError&) {
     std::error_code gone;
     if (!fs::exists(claim, gone)) return std::nullopt;  // released while we looked
@@ -336,45 +356,108 @@ std::optional<Owner> owner_of(const fs::path& run_folder) {
   const std::string host = owner.value("host", "");
   const long pid = owner.value("pid", 0L);
   const std::string text = fmt::format("process {} on {}", pid, host);
-  // A process on another machine cannot be asked: it counts as alive.
-  if (host != host_name()) return Owner{true, text};
-  return Owner{start_of_process(pid) == owner.value("started", ""), text};
+  if (host == host_name() && owner.value("pid_namespace", pid_namespace()) == pid_namespace())
+    return Owner{start_of_process(pid) == owner.value("started", ""), text};
+  // A process of another machine or container cannot be asked: its heartbeat has to tell.
+  const std::chrono::seconds silent = age(file);
+  if (silent == std::chrono::seconds::max()) return std::nullopt;
+  return Owner{silent < heartbeat_limit, fmt::format("{} (heard of {} s ago)", text, silent.count())};
 }
 
-/// The right to work in a run's folder, given back at the end of its life.
+/// While it lives, no other process or thread looks at the claims in `runs`, or writes what sweeps share.
+class SweepLock {
+ public:
+  explicit SweepLock(const fs::path& runs)
+      : file_(::open((runs / "lock").c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666)) {
+    if (file_ < 0)
+      throw InputError(
+          fmt::format("{}: cannot open it for writing: {}", (runs / "lock").string(), std::strerror(errno)));
+    // A file system without locks refuses: the claims themselves, atomic as they are, must do there.
+    while (::flock(file_, LOCK_EX) != 0 && errno == EINTR) continue;
+  }
+  ~SweepLock() { ::close(file_); }
+  SweepLock(const SweepLock&) = delete;
+  SweepLock& operator=(const SweepLock&) = delete;
+
+ private:
+  int file_;
+};
+
+/// The right to work in a run's folder, given back at the end of its life. A thread keeps its heart beating.
 class Claim {
  public:
-  /// Nothing if somebody who is alive holds it.
-  static std::unique_ptr<Claim> take(const fs::path& run_folder) {
+  /// Nothing if somebody who is alive holds it; `holder` then says who.
+  static std::unique_ptr<Claim> take(const fs::path& run_folder, std::string* holder = nullptr) {
     const fs::path path = run_folder / "claim";
+    // Judging the owner dead and taking its place are one act: two that do it at once would move each other's
+    // fresh claims away.
+    const SweepLock lock(run_folder.parent_path());
     for (int attempt = 0; attempt < 3; ++attempt) {
       if (fs::create_directory(path)) {  // atomic: only one process makes it
         const long pid = ::getpid();
-        const nlohmann::json owner{{"pid", pid}, {"host", host_name()}, {"started", start_of_process(pid)}};
-        write_file_atomically(path / "owner.json", owner.dump() + "\n");
-        return std::unique_ptr<Claim>(new Claim(path));
+        static std::atomic<long> count{0};
+        const nlohmann::json owner{{"pid", pid},
+                                   {"host", host_name()},
+                                   {"pid_namespace", pid_namespace()},
+                                   {"started", start_of_process(pid)},
+                                   {"claim", ++count}};
+        const std::string text = owner.dump() + "\n";
+        write_file_atomically(path / "owner.json", text);
+        return std::unique_ptr<Claim>(new Claim(path, text));
       }
       const std::optional<Owner> owner = owner_of(run_folder);
-      if (owner && owner->alive) return nullptr;
-      if (!owner) continue;
-      // Left by a process that is dead. The rename is atomic too: of two that try, one finds nothing.
+      if (owner && owner->alive) {
+        if (holder != nullptr) *holder = owner->text;
+        return nullptr;
+      }
+      if (!owner) continue;  // released while we looked
+      // Left by a process that is dead: moved first, so that no half-removed claim is ever seen.
       const fs::path stale = run_folder / fmt::format("claim.stale.{}", ::getpid());
       std::error_code status;
       fs::rename(path, stale, status);
       if (!status) fs::remove_all(stale);
     }
+    if (holder != nullptr) *holder = "an unknown process";
     return nullptr;
   }
+
+  /// False once another process has judged us dead (after a long suspension, say) and taken over.
+  bool is_ours() const {
+    std::ifstream file(path_ / "owner.json");
+    std::string line;
+    std::getline(file, line);
+    return line + "\n" == text_;
+  }
+
   ~Claim() {
-    std::error_code ignored;  // a claim that stays behind is taken over, since this process will be dead
-    fs::remove_all(path_, ignored);
+    beating_ = {};  // joins
+    try {
+      const SweepLock lock(path_.parent_path().parent_path());
+      if (!is_ours()) return;
+      std::error_code ignored;  // a claim that stays behind is taken over, since this process will be dead
+      fs::remove_all(path_, ignored);
+    } catch (const std::exception&) {  // the same holds without a lock
+    }
   }
   Claim(const Claim&) = delete;
   Claim& operator=(const Claim&) = delete;
 
  private:
-  explicit Claim(fs::path path) : path_(std::move(path)) {}
+  Claim(fs::path path, std::string text) : path_(std::move(path)), text_(std::move(text)) {
+    beating_ = std::jthread([this](const std::stop_token& end) {
+      std::mutex mutex;
+      std::condition_variable_any wake;
+      std::unique_lock lock(mutex);
+      while (!wake.wait_for(lock, end, heartbeat_interval, [&] { return end.stop_requested(); })) {
+        if (!is_ours()) return;
+        std::error_code missed;  // the next beat comes soon
+        fs::last_write_time(path_ / "owner.json", fs::file_time_type::clock::now(), missed);
+      }
+    });
+  }
   fs::path path_;
+  std::string text_;
+  std::jthread beating_;
 };
 
 // --------------------------------------------------------------------------------------------------------------
@@ -418,7 +501,7 @@ void remove_dumps(const fs::path& folder) {
 }
 
 /// Runs, checks, reduces, and writes done.json last of all. Throws what run_engine and read_run throw.
-void carry_out(const RunPlan& run, const SweepPlan& plan, const fs::path& folder) {
+void carry_out(const RunPlan& run, const SweepPlan& plan, const fs::path& folder, const Claim& claim) {
   write_file_atomically(folder / "run.json", run_json(run).dump(1) + "\n");
   const EngineRun engine = run_engine(run.cell, folder, plan.limits);
   const CellRecord record = read_run(run.cell, folder);
@@ -439,6 +522,9 @@ void carry_out(const RunPlan& run, const SweepPlan& plan, const fs::path& folder
   done["cost"] = {{"wall_seconds", engine.wall_seconds}, {"cpu_seconds", engine.cpu_seconds}};
   require_finite(done, "result");  // JSON has no NaN: it would come back as null
   done["provenance"] = provenance();
+  if (!claim.is_ours())
+    throw Interrupted(
+        fmt::format("{}: taken over by another sweep while this one stood still", folder.string()));
   if (!plan.keep_dumps) remove_dumps(folder);
   write_file_atomically(folder / "done.json", done.dump(1) + "\n");
 }
@@ -449,6 +535,8 @@ void record_failure(const std::exception_ptr& cause, const RunPlan& run, const f
     std::rethrow_exception(cause);
   } catch (const Error& error) {
     if (error.code() != ExitCode::engine && error.code() != ExitCode::unreadable) throw;
+    // A stop that reached the engine too makes it fail in any manner of ways.
+    if (stop_requested()) throw Interrupted("stopped on request; the same command resumes");
     const nlohmann::json failure{{"hash", run.hash}, {"run", title(run)}, {"reason", error.what()}};
     write_file_atomically(folder / "failed.json", failure.dump(1) + "\n");
   }
@@ -483,6 +571,9 @@ void collect(const RunPlan& run, const fs::path& folder, Observables& observable
       point.wall_mu = evidence.at("wall_mu").get<double>();
       point.wall_p = evidence.at("wall_p").get<double>();
       point.strain = result.at("strain").get<double>();
+      const auto flat = [&](const char* key) { return result.at(key).at("flat").get<bool>(); };
+      point.I_flat = flat("I"), point.mu_flat = flat("mu"), point.phi_flat = flat("phi");
+      point.phi_drift = result.at("drift_of_phi").get<double>();
       point.cpu_seconds = cpu;
       observables.steady.push_back(point);
     } else {
@@ -558,8 +649,12 @@ ExitCode SweepResult::exit_code() const {
 SweepResult run_sweep(const SweepPlan& plan, const SweepOptions& options) {
   if (options.jobs < 1) throw UsageError("--jobs must be at least 1");
   if (plan.engine == engine_unknown) throw std::logic_error("a sweep planned without an engine cannot run");
-  fs::create_directories(options.folder / "runs");
-  write_sweep_file(plan, options.folder);
+  const fs::path runs = options.folder / "runs";
+  fs::create_directories(runs);
+  {
+    const SweepLock lock(runs);
+    write_sweep_file(plan, options.folder);
+  }
 
   SweepResult result;
   std::vector<const RunPlan*> todo;
@@ -579,6 +674,7 @@ SweepResult run_sweep(const SweepPlan& plan, const SweepOptions& options) {
     std::map<const RunPlan*, Clock::time_point> running;
     double spent = 0;  // expected core-seconds of what is finished
     std::size_t finished = 0;
+    std::vector<std::string> held;  // by other sweeps
     std::exception_ptr mistake;
     bool interrupted = false;
   } shared;
@@ -592,19 +688,24 @@ SweepResult run_sweep(const SweepPlan& plan, const SweepOptions& options) {
       if (mine >= todo.size()) break;
       const RunPlan& run = *todo[mine];
       const fs::path folder = folder_of(options.folder, run);
+      std::unique_ptr<Claim> claim;  // outlives the verdict
       try {
         fs::create_directories(folder);
-        const std::unique_ptr<Claim> claim = Claim::take(folder);
+        std::string holder;
+        claim = Claim::take(folder, &holder);
         if (!claim) {
           ++elsewhere;
+          const std::lock_guard lock(shared.mutex);
+          shared.held.push_back(fmt::format("{}: {} works on it; if that is not so, remove {}", title(run),
+                                            holder, (folder / "claim").string()));
         } else if (is_done(folder)) {
           ++ran;  // somebody finished it between our look and our claim
-        } else {
+        } else if (!is_failed(folder)) {
           {
             const std::lock_guard lock(shared.mutex);
             shared.running[&run] = Clock::now();
           }
-          carry_out(run, plan, folder);
+          carry_out(run, plan, folder, *claim);
           ++ran;
         }
       } catch (...) {
@@ -655,6 +756,7 @@ SweepResult run_sweep(const SweepPlan& plan, const SweepOptions& options) {
                                   ran + result.reused, plan.runs.size()));
   result.ran = ran;
   result.elsewhere = elsewhere;
+  for (const std::string& text : shared.held) spdlog::warn(text);
 
   Observables& observables = result.observables;
   const ShearCell& cell = plan.runs.front().cell;
@@ -678,7 +780,12 @@ SweepResult run_sweep(const SweepPlan& plan, const SweepOptions& options) {
       result.failed.push_back({run->hash, title(*run) + ": " + failure.value("reason", "no reason given")});
     }
   }
+  if (!result.failed.empty())
+    spdlog::warn(
+        "{} of {} runs have failed and are left out until they are run again: dem2sph sweep retry {}",
+        result.failed.size(), plan.runs.size(), options.folder.string());
   observables.excluded = result.failed;
+  const SweepLock lock(runs);
   write_observables(observables, options.folder / "observables.h5");
   return result;
 }
@@ -732,6 +839,10 @@ std::string describe(const std::vector<RunStatus>& status) {
   }
   for (const auto& [state, n] : count) text += fmt::format("{} {}  ", n, name_of(state));
   text += '\n';
+  if (count.contains(RunState::failed))
+    text +=
+        "failed runs are not run again until you ask for it: dem2sph sweep retry DIR, with the folder of "
+        "this sweep\n";
   return text;
 }
 

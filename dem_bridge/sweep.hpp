@@ -1,9 +1,9 @@
 // A sweep: the list of shear-cell runs that a case file asks for, each a folder that its own contents name.
 //
 // The file system is the queue. `runs/<hash>/` belongs to exactly one set of parameters, deck version, engine
-// version and seed, so it can be reused by any study; `claim/` in it (an atomic mkdir) says who works on it;
-// `done.json` holds the reduced results of a run that passed every check, `failed.json` the reason of one
-// that did not. Nothing else counts.
+// version and seed, so it can be reused by any study; `claim/` in it (an atomic mkdir and a heartbeat) says
+// who works on it; `done.json` holds the reduced results of a run that passed every check, `failed.json` the
+// reason of one that did not. Nothing else counts.
 #pragma once
 
 #include <filesystem>
@@ -68,8 +68,8 @@ struct SweepResult {
 };
 
 /// Runs what is missing, then writes `observables.h5` from all that is done. A failed run is recorded and the
-/// others go on. Throws EngineError if LIGGGHTS is missing and needed, Interrupted on SIGINT or SIGTERM (what
-/// is done is kept).
+/// others go on; what failed, or is held by another sweep, is named in a warning. Throws EngineError if
+/// LIGGGHTS is missing and needed, Interrupted on SIGINT or SIGTERM (what is done is kept).
 SweepResult run_sweep(const SweepPlan& plan, const SweepOptions& options);
 
 enum class RunState { waiting, running, done, failed, abandoned };

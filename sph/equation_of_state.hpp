@@ -14,7 +14,7 @@ struct EquationOfState {
   double pressure(double rho) const {
     const double ratio = rho / rho0;
     const double p = gamma == 1 ? K * (ratio - 1) : K / gamma * (std::pow(ratio, gamma) - 1);
-    return std::fmax(p, 0.0);
+    return p < 0 ? 0 : p;  // a NaN stays one
   }
   /// Density at which a pressure p >= 0 is reached.
   double density(double p) const {

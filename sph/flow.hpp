@@ -13,12 +13,12 @@
 
 namespace dem2sph {
 
-/// What set the step: a bound of Eq. 5.28, or the time of the next output.
-enum class Bound { sound, force, viscosity, output };
-inline constexpr std::array<const char*, 4> bound_names{"sound", "force", "viscosity", "output"};
+/// Which bound of Eq. 5.28 is the least.
+enum class Bound { sound, force, viscosity };
+inline constexpr std::array<const char*, 3> bound_names{"sound", "force", "viscosity"};
 
 struct StepInfo {
-  double dt = 0;
+  double dt = 0;  ///< that the bounds allow; the step taken may be shorter, to meet the time of a frame
   Bound bound = Bound::sound;
 };
 
@@ -30,6 +30,10 @@ struct Budgets {
   double potential = 0;                ///< [J], of gravity, zero at the origin
   double elastic = 0;                  ///< [J], compression and shear
   double dissipated = 0;               ///< [J], by plastic or viscous shear and by damping, since t = 0
+  double flowing = 0;                  ///< mass that shears under pressure [kg]
+  double outside_data = 0;             ///< of it, at an I outside the range of the law's data [kg]
+  double beta_limited = 0;             ///< of it, with beta at one of its limits [kg]
+  double phi_at_floor = 0;             ///< of it, with phi_eq at the floor where the linear law ends [kg]
   double largest_speed = 0;            ///< [m/s]
   std::array<double, 3> wall_force{};  ///< [N] of the walls on the material, from the momentum balance
 };

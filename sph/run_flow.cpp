@@ -57,11 +57,24 @@ struct Record {
   long sampled = 0;
   long framed = 0;
   std::array<long, bound_names.size()> bounds{};
-  double dt_min = std::numeric_limits<double>::infinity();
+  double dt_min =
+      std::numeric_limits<double>::infinity();  // finite after the first step, before any checkpoint
   double dt_max = 0;
   double wall_seconds = 0;
   double cpu_seconds = 0;
   json initial_budgets;
+  // Mass beyond the law's data over the mass that flows: sums over the samples in which anything flowed, and
+  // maxima.
+  struct Share {
+    double sum = 0;
+    double largest = 0;
+    void add(double share) {
+      sum += share;
+      largest = std::max(largest, share);
+    }
+  };
+  Share outside_data, beta_limited, phi_at_floor;
+  long flowing_samples = 0;
   double particle_steps = 0;
   double pair_steps = 0;
 
@@ -77,7 +90,10 @@ struct Record {
                 {"dt", {dt_min, dt_max}},
                 {"seconds", {wall_seconds, cpu_seconds}},
                 {"initial_budgets", initial_budgets},
-                {"work", {particle_steps, pair_steps}}}
+                {"work", {particle_steps, pair_steps}},
+                {"shares",
+                 {outside_data.sum, outside_data.largest, beta_limited.sum, beta_limited.largest,
+                  phi_at_floor.sum, phi_at_floor.largest, flowing_samples}}}
         .dump();
   }
   static Record from(const std::string& text) {
@@ -96,6 +112,11 @@ struct Record {
     r.initial_budgets = j.at("initial_budgets");
     r.particle_steps = j.at("work").at(0).get<double>();
     r.pair_steps = j.at("work").at(1).get<double>();
+    const json& shares = j.at("shares");
+    r.outside_data = {shares.at(0).get<double>(), shares.at(1).get<double>()};
+    r.beta_limited = {shares.at(2).get<double>(), shares.at(3).get<double>()};
+    r.phi_at_floor = {shares.at(4).get<double>(), shares.at(5).get<double>()};
+    r.flowing_samples = shares.at(6).get<long>();
     return r;
   }
 };
@@ -106,12 +127,23 @@ double centre_strip(const FlowSetup<Dim>& setup) {
   return std::max(3 * setup.material.grains.d, 2 * setup.numerics.dx);
 }
 
+/// Least-squares line; its value at 0 extrapolates to the floor.
+struct Line {
+  double n = 0, x = 0, y = 0, xx = 0, xy = 0;
+  void add(double at, double value) { n += 1, x += at, y += value, xx += at * at, xy += at * value; }
+  double at_zero() const {
+    const double determinant = n * xx - x * x;
+    return determinant > 0 ? (xx * y - x * xy) / determinant : (n > 0 ? y / n : 0);
+  }
+};
+
 template <int Dim>
 class Run {
  public:
-  Run(const CaseFile& file, FlowSetup<Dim> setup, const FlowOptions& options)
-      : options_(options), setup_(std::move(setup)), effective_(file.effective()) {
-    key_ = sha256(effective_ + options.law_hash + law_text() + version);
+  Run(const CaseFile& file, const LawFile& law, const FlowOptions& options)
+      : options_(options), setup_(make_setup<Dim>(file, law)), effective_(file.effective()) {
+    law_hash_ = law_hash(law);
+    key_ = sha256(effective_ + law_hash_ + version + git_revision);
     flow_ = make_flow<Dim>(setup_);
     choose_threads();
   }
@@ -141,19 +173,18 @@ class Run {
     if (record_.sampled == 0) sample();
     if (record_.framed == 0) write_frames();
     while (flow_->time() < end * (1 - 1e-12)) {
-      const double next_sample = end * static_cast<double>(record_.sampled) / samples;
+      // Frames are met to the moment; the series takes the first step at or after each sample's time.
       const double next_frame =
           end * static_cast<double>(record_.framed) / static_cast<double>(setup_.frames);
-      const StepInfo step =
-          flow_->step(std::max(std::min(next_sample, next_frame) - flow_->time(), 1e-9 * end / samples));
+      const StepInfo step = flow_->step(std::max(next_frame - flow_->time(), 1e-12 * end));
       ++record_.bounds[static_cast<std::size_t>(step.bound)];
-      if (step.bound != Bound::output) record_.dt_min = std::min(record_.dt_min, step.dt);
+      record_.dt_min = std::min(record_.dt_min, step.dt);
       record_.dt_max = std::max(record_.dt_max, step.dt);
       record_.particle_steps += static_cast<double>(flow_->interior());
       record_.pair_steps += static_cast<double>(flow_->pairs());
       const double reached = flow_->time() + 1e-9 * end / samples;
       bool rest = false;
-      if (reached >= next_sample) rest = sample();
+      if (reached >= end * static_cast<double>(record_.sampled) / samples) rest = sample();
       if (reached >= next_frame) write_frames();
       if (progress.due()) {
         const Budgets b = flow_->budgets();
@@ -189,13 +220,6 @@ class Run {
 
  private:
   fs::path checkpoint() const { return options_.folder / "checkpoint.h5"; }
-  std::string law_text() const {
-    const Material& m = setup_.material;
-    return fmt::format("{} {} {} {} {} {} {} {}", m.friction.mu_l, m.friction.mu_h, m.friction.D_star,
-                       m.grains.d, m.grains.rho_s, m.dilation.phi_eq.phi_c, m.dilation.phi_eq.b,
-                       m.dilation.s_star);
-  }
-
   void prepare_folder() {
     fs::create_directories(options_.folder);
     if (options_.force) {
@@ -209,11 +233,20 @@ class Run {
     if (fs::exists(checkpoint())) {
       record_ = Record::from(flow_->load(checkpoint(), key_));
     } else {
-      fs::remove_all(options_.folder / "frames");
       fs::create_directories(options_.folder / "frames");
+      remove_old_frames();
       record_.initial_budgets = to_json(flow_->budgets(), Dim);
     }
     write_file_atomically(options_.folder / "effective.toml", effective_);
+  }
+
+  /// Frames of an earlier run that was interrupted or is overwritten; nothing else is touched.
+  void remove_old_frames() const {
+    for (const fs::directory_entry& entry : fs::directory_iterator(options_.folder / "frames")) {
+      const std::string name = entry.path().filename().string();
+      if (name.starts_with("frame_") && (name.ends_with(".h5") || name.ends_with(".vtp")))
+        fs::remove(entry.path());
+    }
   }
 
   Bodies bodies() {
@@ -237,7 +270,13 @@ class Run {
     s["front_99"].push_back(collapse ? front_99(heap) : 0.0);
     s["centre_height"].push_back(
         mean_height(heap, 0, collapse ? centre_strip(setup_) : setup_.period.length[0]));
-    ++record_.sampled;
+    record_.sampled = static_cast<long>((flow_->time() / setup_.end_time) * samples * (1 + 1e-12)) + 1;
+    if (b.flowing > 0) {
+      ++record_.flowing_samples;
+      record_.outside_data.add(b.outside_data / b.flowing);
+      record_.beta_limited.add(b.beta_limited / b.flowing);
+      record_.phi_at_floor.add(b.phi_at_floor / b.flowing);
+    }
     const double initial = record_.initial_budgets.at("potential").get<double>();
     // At t = 0 nothing moves either: rest counts once a free fall over H would have taken place.
     return collapse && flow_->time() > std::sqrt(2 * setup_.length_scale / norm(setup_.gravity)) &&
@@ -245,6 +284,12 @@ class Run {
   }
 
   void write_frames() {
+    const Budgets b = flow_->budgets();
+    if (!std::isfinite(b.kinetic + b.elastic + b.wall_force[0] + b.wall_force[Dim - 1]))
+      throw NumericalError(
+          fmt::format("step {}: energy or acceleration is no longer a finite number; use a smaller "
+                      "flow.step_factor; the last good frame is frame_{:05}",
+                      flow_->steps(), record_.framed - 1));
     const std::string name = fmt::format("frame_{:05}", record_.framed);
     const Frame frame = flow_->frame();
     write_frame(frame, options_.folder / "frames" / (name + ".h5"));
@@ -260,6 +305,46 @@ class Run {
       for (std::size_t k = 0; k < bins; ++k) x[k] = (static_cast<double>(k) + 0.5) * bin;
       record_.profiles.push_back({{"time", flow_->time()}, {"x", x}, {"height", height}});
     }
+  }
+
+  /// How far the flow went beyond what the law's data cover: shares of the mass that flows.
+  json beyond_the_law() const {
+    const double n = std::max(1.0, static_cast<double>(record_.flowing_samples));
+    const auto share = [&](const Record::Share& s) {
+      return json{{"mean", s.sum / n}, {"largest", s.largest}};
+    };
+    json result = json::object();
+    if (setup_.law_range.highest > 0) result["I_outside_data"] = share(record_.outside_data);
+    if (setup_.ingredients.dilation == "evolve") {
+      result["beta_at_its_limit"] = share(record_.beta_limited);
+      result["phi_eq_at_its_floor"] = share(record_.phi_at_floor);
+    }
+    return result;
+  }
+
+  /// What an incline shows at the end: slip, surface velocity, pressure on the floor, from lines through
+  /// layers.
+  json incline_measures() const {
+    const Frame frame = flow_->frame();
+    const std::vector<double>& x = frame.field("x").values;
+    const std::vector<double>& v = frame.field("v").values;
+    const double dx = setup_.numerics.dx;
+    const double top = setup_.length_scale - 2 * dx;
+    Line near_floor, pressure;
+    double surface = 0;
+    double surface_count = 0;
+    for (std::size_t i = 0; i < flow_->interior(); ++i) {
+      const double z = x[3 * i + Dim - 1];
+      if (z < 3 * dx) near_floor.add(z, v[3 * i]);
+      if (z < 0.5 * setup_.length_scale) pressure.add(z, frame.field("p").values[i]);
+      if (z > top) {
+        surface += v[3 * i];
+        surface_count += 1;
+      }
+    }
+    return {{"slip", near_floor.at_zero()},
+            {"surface_velocity", surface_count > 0 ? surface / surface_count : 0.0},
+            {"floor_pressure_extrapolated", pressure.at_zero()}};
   }
 
   json summary(const std::string& ended) {
@@ -298,15 +383,17 @@ class Run {
           {"H0", setup_.length_scale},
           {"solid_fraction", setup_.initial_phi}}},
         {"time_scale", tau},
+        {"outside_law", beyond_the_law()},
         {"sound_speed", std::sqrt(setup_.eos.K / setup_.eos.rho0)},
         {"dx", setup_.numerics.dx},
         {"h", setup_.numerics.h},
         {"series", record_.series},
         {"profiles", record_.profiles},
-        {"law_sha256", options_.law_hash},
+        {"law_sha256", law_hash_},
         {"case_sha256", sha256(effective_)},
-                   {"configuration", key_},
+        {"configuration", key_},
         {"provenance", provenance()}};
+    if (setup_.initial_length == 0) result["incline"] = incline_measures();
     if (setup_.initial_length > 0) {
       const double front = record_.series.at("front_99").back().get<double>();
       const double height = record_.series.at("centre_height").back().get<double>();
@@ -319,8 +406,8 @@ class Run {
     return result;
   }
 
-  /// Threads asked for, or as many as have something to do: below some 2000 particles each, waiting for one another
-  /// costs more than it saves (about ten parallel loops a step, each of a few microseconds' start).
+  /// Threads asked for, or as many as have something to do: below some 2000 particles each, waiting for one
+  /// another costs more than it saves (about ten parallel loops a step, each of a few microseconds' start).
   void choose_threads() const {
 #ifdef _OPENMP
     const int useful = static_cast<int>(flow_->particles() / 2000) + 1;
@@ -338,6 +425,7 @@ class Run {
   FlowOptions options_;
   FlowSetup<Dim> setup_;
   std::string effective_;
+  std::string law_hash_;
   std::string key_;
   std::unique_ptr<Flow> flow_;
   Record record_;
@@ -348,7 +436,7 @@ class Run {
 
 template <int Dim>
 json run(const CaseFile& file, const LawFile& law, const FlowOptions& options) {
-  return Run<Dim>(file, make_setup<Dim>(file, law), options).go();
+  return Run<Dim>(file, law, options).go();
 }
 
 template <int Dim>

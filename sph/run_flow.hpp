@@ -16,7 +16,6 @@ struct FlowOptions {
   bool reuse = false;            ///< take the summary of an earlier run of the same configuration
   bool quiet = false;
   int threads = 0;       ///< 0: as many as the size of the flow is worth
-  std::string law_hash;  ///< SHA-256 of the law file; empty if the case gives the law
 };
 
 /// Runs the flow of `file` with `law`; writes summary.json, frames/*.h5, frames/*.vtp, frames.pvd and

@@ -212,6 +212,7 @@ FlowSetup<Dim> make_setup(const CaseFile& file, const LawFile& law) {
   Material& material = setup.material;
   material.grains = {law.d, law.rho_s};
   material.friction = {law.friction["mu_l"], law.friction["mu_h"], law.friction["D_star"]};
+  setup.law_range = law.I;
   material.cohesion = flow.quantity("cohesion");
   const double given_phi = flow.number("initial_solid_fraction");
   setup.initial_phi = std::isnan(given_phi) ? law.solid_fraction["phi_c"] : given_phi;

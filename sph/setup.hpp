@@ -55,6 +55,7 @@ struct FlowSetup {
   Period<Dim> period;
   double floor_end = 0;  ///< largest x that the floor supports [m]; 0: periodic
   double initial_phi = 0;
+  DataRange law_range;  ///< of I, that the law's data cover; 0, 0: not stated
   Particles<Dim> particles;  ///< at t = 0; wall particles carry the mass of their volume at rho0
 
   // What the run needs to know about its scene.

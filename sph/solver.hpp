@@ -66,7 +66,7 @@ class Solver final : public Flow {
           fmt::format("step {}: the time step has collapsed to {:g} s (bound: {}); use a smaller "
                       "flow.mach or a finer resolution",
                       steps_, dt, bound_names[static_cast<std::size_t>(next_.bound)]));
-    const StepInfo taken{dt, dt < next_.dt ? Bound::output : next_.bound};
+    const StepInfo taken = next_;
     dt_ = dt;
     kick_and_drift(dt);
     if (list_is_stale()) {
@@ -134,6 +134,18 @@ class Solver final : public Flow {
       for (std::size_t k = 0; k < dim; ++k) {
         b.momentum[k] += q.m[i] * v.c[k];
         b.wall_force[k] += q.m[i] * (a.c[k] - setup_.gravity.c[k]);
+      }
+      if (!(q.p[i] > 0 && q.gamma_dot[i] > 0)) continue;
+      const Material& material = setup_.material;
+      const double I = inertial_number(q.gamma_dot[i], q.p[i], material.grains.d, material.grains.rho_s);
+      b.flowing += q.m[i];
+      const bool known = setup_.law_range.highest > 0;  // a law given by hand states no range
+      if (known && !(I >= setup_.law_range.lowest && I <= setup_.law_range.highest)) b.outside_data += q.m[i];
+      if constexpr (C::Dilation::on) {
+        const double beta = dilation_.beta[i];
+        const DilationLaw& law = material.dilation;
+        if (beta <= law.limits.lowest || beta >= law.limits.highest) b.beta_limited += q.m[i];
+        if (law.phi_eq(I) <= law.phi_eq.phi_min) b.phi_at_floor += q.m[i];
       }
     }
     return b;

@@ -257,6 +257,11 @@ bool CaseFile::has(std::string_view section) const {
   return static_cast<bool>(document_->root.at_path(section).as_table());
 }
 
+void CaseFile::erase(std::string_view section, std::string_view key) {
+  if (toml::table* table = document_->root.at_path(section).as_table()) table->erase(key);
+  std::erase_if(document_->effective, [&](const auto& entry) { return entry.first == section; });
+}
+
 Section CaseFile::section(const ParameterTable& table) const {
   Section section;
   section.state_ = std::make_shared<Section::State>();

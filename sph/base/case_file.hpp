@@ -104,6 +104,8 @@ class CaseFile {
 
   const std::filesystem::path& path() const;
   bool has(std::string_view section) const;
+  /// Takes a key out, as if it had not been given: for a case that is run in several variants.
+  void erase(std::string_view section, std::string_view key);
   /// Checks the section against its table and returns its values. An absent section has all its defaults.
   /// Throws UsageError: unknown key (with "did you mean"), wrong type, unit or bound, required key missing.
   Section section(const ParameterTable& table) const;

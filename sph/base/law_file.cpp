@@ -72,24 +72,34 @@ double FittedLaw::operator[](std::string_view name) const {
   throw InputError(fmt::format("the {} law has no parameter \"{}\"", member, name));
 }
 
+namespace {
+
+// The law without its verdict and provenance.
+json physics_of(const LawFile& law) {
+  return {{"format", "dem2sph-law"},
+          {"schema_version", law_schema_version},
+          {"grains",
+           {{"d", {{"value", law.d}, {"unit", "m"}}}, {"rho_s", {{"value", law.rho_s}, {"unit", "kg/m^3"}}}}},
+          {"friction", to_json(law.friction)},
+          {"solid_fraction", to_json(law.solid_fraction)},
+          {"dilation", to_json(law.dilation)},
+          {"covariance", {{"names", law.covariance_names}, {"matrix", law.covariance}}},
+          {"range",
+           {{"I", to_json(law.I, "1")},
+            {"phi", to_json(law.phi, "1")},
+            {"s", to_json(law.s, "1")},
+            {"p", to_json(law.p, "Pa")}}}};
+}
+
+}  // namespace
+
+std::string law_hash(const LawFile& law) { return sha256(physics_of(law).dump()); }
+
 void write_law_file(const LawFile& law, const std::filesystem::path& path) {
-  const json j = {
-      {"format", "dem2sph-law"},
-      {"schema_version", law_schema_version},
-      {"grains",
-       {{"d", {{"value", law.d}, {"unit", "m"}}}, {"rho_s", {{"value", law.rho_s}, {"unit", "kg/m^3"}}}}},
-      {"friction", to_json(law.friction)},
-      {"solid_fraction", to_json(law.solid_fraction)},
-      {"dilation", to_json(law.dilation)},
-      {"covariance", {{"names", law.covariance_names}, {"matrix", law.covariance}}},
-      {"range",
-       {{"I", to_json(law.I, "1")},
-        {"phi", to_json(law.phi, "1")},
-        {"s", to_json(law.s, "1")},
-        {"p", to_json(law.p, "Pa")}}},
-      {"verdict", law.verdict},
-      {"warnings", law.warnings},
-      {"provenance", law.provenance}};
+  json j = physics_of(law);
+  j["verdict"] = law.verdict;
+  j["warnings"] = law.warnings;
+  j["provenance"] = law.provenance;
   require_finite(j, "");
   write_file_atomically(path, j.dump(2) + "\n");
 }

@@ -51,6 +51,9 @@ struct LawFile {
 
 inline constexpr int law_schema_version = 1;
 
+/// SHA-256 of everything that a flow can depend on: the law without its verdict, warnings and provenance (which has
+/// times and hosts).
+std::string law_hash(const LawFile& law);
 /// Writes atomically, numbers with 17 digits so that they read back bit for bit.
 void write_law_file(const LawFile& law, const std::filesystem::path& path);
 /// Throws InputError naming the file and the member that is missing, of another type or impossible

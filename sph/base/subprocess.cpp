@@ -29,6 +29,12 @@ double seconds(const timeval& t) {
   return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec);
 }
 
+/// The child was ended by SIGINT or SIGTERM, or says so in the way of a shell.
+bool ended_by_stop(int status) {
+  if (WIFSIGNALED(status)) return WTERMSIG(status) == SIGTERM || WTERMSIG(status) == SIGINT;
+  return WIFEXITED(status) && (WEXITSTATUS(status) == 128 + SIGTERM || WEXITSTATUS(status) == 128 + SIGINT);
+}
+
 }  // namespace
 
 bool program_exists(const std::string& program) {
@@ -153,6 +159,14 @@ SubprocessResult run_subprocess(const std::vector<std::string>& arguments, const
     pause = std::min(2 * pause, std::chrono::milliseconds(50));
   }
   if (asked_to_end >= 0) ::kill(-child, SIGKILL);  // what the child itself had started and left behind
+  if (asked_to_end < 0 && ended_by_stop(status)) {
+    // Whoever stopped the child may be stopping every process there is, and our turn comes a moment later.
+    for (int wait = 0; wait < 25 && !stop_requested(); ++wait)
+      std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  }
+  // A child that broke down while we are asked to stop says nothing about its work.
+  const bool clean = WIFEXITED(status) && WEXITSTATUS(status) == 0;
+  if (!result.timed_out && !clean && stop_requested()) result.stopped = true;
   if (feeder.joinable()) feeder.join();
   result.wall_seconds = seconds_since(start);
   result.cpu_seconds = seconds(usage.ru_utime) + seconds(usage.ru_stime);

@@ -70,6 +70,44 @@ TEST(Fit, RecoversTheTruthWithinItsErrors) {
   EXPECT_NEAR(correlation, 0.904, 0.05);
 }
 
+std::size_t warnings_with(const Fit& fit, const std::string& text) {
+  return static_cast<std::size_t>(
+      std::count_if(fit.warnings.begin(), fit.warnings.end(),
+                    [&](const std::string& w) { return w.find(text) != std::string::npos; }));
+}
+
+TEST(Fit, WarnsWhenTheStartUpsShowAnotherShareOfBetaThanTheSolver) {
+  Truth truth;
+  truth.beta_in_mu = 0.3;
+  const Fit less = fit_law({synthetic::observables(truth, 1, 12, 1e-3, 1, 6)});
+  ASSERT_LT(less.beta_in_mu.high, 1);
+  EXPECT_EQ(warnings_with(less, "the solver adds all of beta to mu"), 1u);
+  EXPECT_EQ(warnings_with(less, "is too strong"), 1u);
+  truth.beta_in_mu = 1;
+  const Fit all = fit_law({synthetic::observables(truth, 1, 12, 1e-3, 1, 6)});
+  ASSERT_TRUE(contains(all.beta_in_mu, 1));
+  EXPECT_EQ(warnings_with(all, "the solver adds all of beta to mu"), 0u);
+}
+
+TEST(Fit, WarnsOfRunsWhoseErrorsOrSteadinessAreInDoubt) {
+  Observables o = synthetic::observables({}, 1, 12, 1e-3, 1, 0);
+  const Fit quiet = fit_law({o});
+  EXPECT_EQ(warnings_with(quiet, "blocks"), 0u);
+  EXPECT_EQ(warnings_with(quiet, "drifted"), 0u);
+  o.steady[2].phi_flat = false;
+  o.steady[3].phi_drift = -3.5;
+  o.steady[4].mu_flat = false;
+  o.steady[11].phi_drift = 9;  // at I = 1: above phi_I_max, so only friction uses it
+  const Fit fit = fit_law({o});
+  EXPECT_EQ(warnings_with(fit, "friction: the standard errors of 1 of 12 points"), 1u);
+  EXPECT_EQ(warnings_with(fit, "solid fraction: the standard errors of 1 of 10 points"), 1u);
+  EXPECT_EQ(warnings_with(fit, "steady04"), 1u);
+  EXPECT_EQ(warnings_with(fit, "steady02"), 1u);
+  EXPECT_EQ(warnings_with(fit, "friction: in 2 of 12 points phi still drifted"), 1u);
+  EXPECT_EQ(warnings_with(fit, "solid fraction: in 1 of 10 points phi still drifted"), 1u);
+  EXPECT_EQ(fit.friction["mu_l"].value, quiet.friction["mu_l"].value);
+}
+
 TEST(Fit, DataWithoutNoiseGiveTheTruthBack) {
   Truth truth;
   Observables o = synthetic::observables(truth, 1);

@@ -86,6 +86,15 @@ TEST_F(FitFile, LawFileSaysWhereItComesFrom) {
   EXPECT_TRUE(full.contains("beta_in_mu"));
 }
 
+TEST_F(FitFile, EachLawHasItsOwnAccount) {
+  const Fit fit = fit_law({synthetic::observables({}, 1, 12, 1e-3, 1, 0)});
+  for (const char* name : {"law.json", "soft.json", "stiff.v2"})
+    write_fit(fit, std::vector{observables}, folder / name);
+  for (const char* name : {"fit.json", "soft.fit.json", "stiff.v2.fit.json"})
+    EXPECT_EQ(read_json(folder / name).at("format"), "dem2sph-fit") << name;
+  EXPECT_EQ(fit_path_of("law.json"), "fit.json");
+}
+
 TEST_F(FitFile, WithoutStartUpsThereIsNoLawOfDilation) {
   const Fit fit = fit_law({synthetic::observables({}, 1, 12, 1e-3, 1, 0)});
   write_fit(fit, std::vector{observables}, folder / "law.json");

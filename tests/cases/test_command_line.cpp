@@ -9,23 +9,15 @@
 #include "sph/base/frame.hpp"
 #include "sph/base/provenance.hpp"
 #include "sph/base/subprocess.hpp"
+#include "tests/base/helpers.hpp"
 
 namespace dem2sph {
 namespace {
 
 namespace fs = std::filesystem;
 
-class CommandLine : public testing::Test {
+class CommandLine : public test::Scratch {
  protected:
-  fs::path folder_ =
-      fs::path(testing::TempDir()) /
-      ("dem2sph_" + std::string(testing::UnitTest::GetInstance()->current_test_info()->name()));
-  void SetUp() override {
-    fs::remove_all(folder_);
-    fs::create_directories(folder_);
-  }
-  void TearDown() override { fs::remove_all(folder_); }
-
   struct Outcome {
     int code = -1;
     std::string text;
@@ -41,12 +33,7 @@ class CommandLine : public testing::Test {
     const SubprocessResult result = run_subprocess(arguments, options);
     return {result.exit_code, content(folder_ / "output.txt")};
   }
-  static std::string content(const fs::path& path) {
-    std::ifstream in(path, std::ios::binary);
-    std::ostringstream text;
-    text << in.rdbuf();
-    return text.str();
-  }
+  static std::string content(const fs::path& path) { return test::content_of(path); }
   std::string in(const std::string& name) const { return (folder_ / name).string(); }
   void expect(const Outcome& outcome, int code, const std::string& text) const {
     EXPECT_EQ(outcome.code, code) << outcome.text;
@@ -136,11 +123,17 @@ TEST_F(CommandLine, FlowWritesWhatItPromises) {
       EXPECT_TRUE(frame.has(field)) << field;
     EXPECT_FALSE(frame.has("beta")) << "no dilation, no column";
   }
-  // Results are not overwritten unless told to.
+  EXPECT_TRUE(summary.at("dt").at("min").is_number()) << summary.at("dt");
+  EXPECT_GT(summary.at("dt_bounds").at("sound").get<long>(), 0);
+  EXPECT_EQ(summary.at("law_sha256").get<std::string>().size(), 64u);
+  EXPECT_TRUE(summary.at("incline").at("slip").is_number());
+  // Results are not overwritten unless told to, and even then only what a flow has written itself.
+  std::ofstream(in("out/frames/mine.png")) << "a picture";
   expect(run(short_incline("out")), 2, "--force");
   std::vector<std::string> forced = short_incline("out");
   forced.push_back("--force");
   expect(run(forced), 0, "end time reached");
+  EXPECT_TRUE(fs::exists(in("out/frames/mine.png")));
 }
 
 TEST_F(CommandLine, EveryFrameOpensInParaView) {
@@ -212,6 +205,21 @@ TEST_F(CommandLine, AStoppedFlowResumesToTheSameEnd) {
   EXPECT_EQ(whole.at("budgets"), stopped.at("budgets"));
   EXPECT_EQ(read_frame(in("whole/frames/frame_00003.h5")).field("v").values,
             read_frame(in("stopped/frames/frame_00003.h5")).field("v").values);
+}
+
+TEST_F(CommandLine, RunRefusesBeforeTheFirstGrain) {
+  const auto refused = [&](const std::string& override_text, const std::string& expected) {
+    expect(run({"run", example("column_collapse"), "-o", in("out"), "--set", override_text}), 2, expected);
+    EXPECT_FALSE(fs::exists(in("out/shear_cell"))) << "it had begun";
+  };
+  refused("flow.kernel=wendland_c4", "does not exist; these do");
+  refused("flow.dilation=none", "with and without dilation");
+  expect(run({"plan", example("column_collapse"), "--set", "flow.beta_lowest=-0.2"}), 0, "dilation evolve");
+}
+
+TEST_F(CommandLine, MisspeltFitOptionIsCode2) {
+  expect(run({"fit", in("absent.h5"), "-o", in("law.json"), "--set", "fti.phi_I_max=0.3"}), 2,
+         "did you mean [fit]?");
 }
 
 TEST_F(CommandLine, DryRunRunsNothing) {

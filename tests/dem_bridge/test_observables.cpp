@@ -36,6 +36,10 @@ Observables example() {
                         .wall_mu = 0.41 + x,
                         .wall_p = 1001,
                         .strain = 6,
+                        .I_flat = i != 0,
+                        .mu_flat = i != 1,
+                        .phi_flat = i != 2,
+                        .phi_drift = -0.5 * i,
                         .cpu_seconds = 12});
   }
   Transient t;
@@ -69,7 +73,9 @@ TEST_F(ObservablesFile, RoundTrip) {
     for (auto member :
          {&SteadyPoint::I_driven, &SteadyPoint::I, &SteadyPoint::I_se, &SteadyPoint::mu, &SteadyPoint::mu_se,
           &SteadyPoint::phi, &SteadyPoint::phi_se, &SteadyPoint::p, &SteadyPoint::p_se, &SteadyPoint::wall_mu,
-          &SteadyPoint::wall_p, &SteadyPoint::strain, &SteadyPoint::cpu_seconds})
+          &SteadyPoint::wall_p, &SteadyPoint::strain, &SteadyPoint::phi_drift, &SteadyPoint::cpu_seconds})
+      EXPECT_EQ(r.steady[i].*member, o.steady[i].*member);
+    for (auto member : {&SteadyPoint::I_flat, &SteadyPoint::mu_flat, &SteadyPoint::phi_flat})
       EXPECT_EQ(r.steady[i].*member, o.steady[i].*member);
   }
   ASSERT_EQ(r.transients.size(), 2U);

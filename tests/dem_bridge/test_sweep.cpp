@@ -127,6 +127,11 @@ TEST_F(Sweep, APerfectRunIsReducedAndReused) {
   EXPECT_EQ(o.steady[0].run, plan.runs[0].hash);
   EXPECT_EQ(o.engine, "LIGGGHTS-PUBLIC 3.8.0");
   EXPECT_CONTAINS(o.material, "grain_friction = 0.5");
+  const nlohmann::json evidence = read_json(run_folder(plan.runs[0]) / "done.json").at("result");
+  EXPECT_EQ(o.steady[0].mu_flat, evidence.at("mu").at("flat").get<bool>());
+  EXPECT_EQ(o.steady[0].I_flat, evidence.at("I").at("flat").get<bool>());
+  EXPECT_EQ(o.steady[0].phi_flat, evidence.at("phi").at("flat").get<bool>());
+  EXPECT_EQ(o.steady[0].phi_drift, evidence.at("drift_of_phi").get<double>());
   EXPECT_FALSE(fs::exists(run_folder(plan.runs[0]) / grain_dump_file))
       << "dumps are pruned after the reduction";
   EXPECT_FALSE(fs::exists(run_folder(plan.runs[0]) / "claim"));
@@ -164,6 +169,7 @@ TEST_F(Sweep, AFailureIsRecordedWithTheEnginesWords) {
   EXPECT_CONTAINS(reason, "LIGGGHTS ended with code 1");
   EXPECT_CONTAINS(reason, "ERROR: Atom lost (file.cpp:12)");
   EXPECT_CONTAINS(describe(sweep_status(in("out"))), "Atom lost");
+  EXPECT_CONTAINS(describe(sweep_status(in("out"))), "dem2sph sweep retry DIR");
   EXPECT_EQ(read_observables(in("out") / "observables.h5").excluded.size(), 1U);
 }
 
@@ -231,7 +237,11 @@ TEST_F(Sweep, OneFailureDoesNotStopTheOthersAndRetryFinishes) {
   for (const RunPlan& run : plan.runs)
     if (run.cell.seed == 2) bad_hash = run.hash;
   engine("case \"$PWD\" in *" + bad_hash + ") echo broken; exit 1;; esac\n" + good);
+  testing::internal::CaptureStdout();
   const SweepResult first = run_sweep(plan, options(2));
+  EXPECT_CONTAINS(testing::internal::GetCapturedStdout(),
+                  "1 of 3 runs have failed and are left out until they are run again: dem2sph sweep retry " +
+                      in("out").string());
   EXPECT_EQ(first.ran, 2U);
   ASSERT_EQ(first.failed.size(), 1U);
   EXPECT_EQ(first.failed[0].run, bad_hash);
@@ -255,9 +265,13 @@ TEST_F(Sweep, ClaimsOfTheLivingAreRespectedThoseOfTheDeadTakenOver) {
   ASSERT_EQ(::gethostname(host, sizeof host - 1), 0);
   const fs::path claim = run_folder(plan.runs[0]) / "claim";
   fs::create_directories(claim);
-  // Of a process on another machine nothing can be known.
+  // A process on another machine cannot be asked: it lives while its heart beats.
   put(claim / "owner.json", R"({"pid": 1, "host": "elsewhere", "started": "1"})");
+  testing::internal::CaptureStdout();
   const SweepResult blocked = run_sweep(plan, options());
+  const std::string said = testing::internal::GetCapturedStdout();
+  EXPECT_CONTAINS(said, "process 1 on elsewhere (heard of ");
+  EXPECT_CONTAINS(said, claim.string());
   EXPECT_EQ(blocked.elsewhere, 1U);
   EXPECT_EQ(blocked.exit_code(), ExitCode::interrupted);
   EXPECT_EQ(calls(), 0U);
@@ -268,6 +282,76 @@ TEST_F(Sweep, ClaimsOfTheLivingAreRespectedThoseOfTheDeadTakenOver) {
   const SweepResult taken = run_sweep(plan, options());
   EXPECT_EQ(taken.ran, 1U);
   EXPECT_EQ(taken.exit_code(), ExitCode::ok);
+  EXPECT_FALSE(fs::exists(claim));
+}
+
+TEST_F(Sweep, AClaimWhoseHeartStoppedIsTakenOver) {
+  const SweepPlan plan = plan_of(case_text);
+  engine(perfect_run(plan.runs[0]));
+  char host[256] = {};
+  ASSERT_EQ(::gethostname(host, sizeof host - 1), 0);
+  const fs::path claim = run_folder(plan.runs[0]) / "claim";
+  // Of another machine, and of another container of this one.
+  for (const std::string& owner :
+       {std::string(R"({"pid": 1, "host": "elsewhere", "started": "1"})"),
+        fmt::format(R"({{"pid": 1, "host": "{}", "pid_namespace": "pid:[1]"}})", host)}) {
+    fs::remove_all(in("out"));
+    fs::create_directories(claim);
+    put(claim / "owner.json", owner);
+    const auto beat = [&](std::chrono::seconds ago) {
+      fs::last_write_time(claim / "owner.json", fs::file_time_type::clock::now() - ago);
+    };
+    beat(std::chrono::seconds(200));
+    EXPECT_EQ(run_sweep(plan, options()).elsewhere, 1U) << owner;
+    beat(std::chrono::seconds(310));
+    EXPECT_EQ(sweep_status(in("out"))[0].state, RunState::abandoned) << owner;
+    EXPECT_EQ(run_sweep(plan, options()).ran, 1U) << owner;
+  }
+}
+
+TEST_F(Sweep, OfManyThatFindADeadClaimOneTakesIt) {
+  const SweepPlan plan = plan_of(case_text);
+  engine(perfect_run(plan.runs[0]) + "; sleep 0.2");
+  char host[256] = {};
+  ASSERT_EQ(::gethostname(host, sizeof host - 1), 0);
+  const fs::path claim = run_folder(plan.runs[0]) / "claim";
+  for (std::size_t round = 1; round <= 5; ++round) {
+    fs::remove_all(in("out"));
+    fs::create_directories(claim);
+    put(claim / "owner.json",
+        fmt::format(R"({{"pid": {}, "host": "{}", "started": "1"}})", ::getpid(), host));
+    std::vector<std::jthread> sweeps;
+    for (int i = 0; i < 6; ++i) sweeps.emplace_back([&] { run_sweep(plan, options()); });
+    sweeps.clear();  // joins
+    EXPECT_EQ(calls(), round);
+    EXPECT_FALSE(fs::exists(claim));
+    EXPECT_EQ(sweep_status(in("out"))[0].state, RunState::done);
+  }
+}
+
+TEST_F(Sweep, AStopThatReachesTheEngineTooIsNoFailure) {
+  testing::GTEST_FLAG(death_test_style) = "threadsafe";
+  // A batch system signals every process, in any order; an engine may also end with a code of its own.
+  for (const char* end :
+       {"(sleep 0.1; kill -TERM $PPID) & kill -TERM $$", "kill -TERM $PPID; kill -TERM $$",
+        "kill -TERM $PPID; exit 1", "kill -TERM $PPID; exit 0", "(sleep 0.1; kill -TERM $PPID) & exit 143"}) {
+    const auto stopped = [&] {
+      engine(end);
+      const SweepPlan plan = plan_of(case_text);
+      install_stop_handlers();
+      int code = 0;
+      try {
+        run_sweep(plan, options());
+      } catch (const Error& error) {
+        code = static_cast<int>(error.code());
+      }
+      const bool clean = !fs::exists(run_folder(plan.runs[0]) / "failed.json") &&
+                         !fs::exists(run_folder(plan.runs[0]) / "claim");
+      fs::remove_all(folder_);
+      ::_exit(clean ? code : 99);
+    };
+    EXPECT_EXIT(stopped(), testing::ExitedWithCode(75), "") << end;
+  }
 }
 
 TEST_F(Sweep, AStopEndsTheEngineAndCanBeResumed) {

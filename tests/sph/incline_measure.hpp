@@ -8,6 +8,7 @@ namespace dem2sph {
 
 struct InclineResult {
   double velocity_ratio = 0;    ///< (surface velocity - slip) / exact
+  double velocity_error = 0;    ///< standard error of that ratio from the scatter of the samples
   double slip_ratio = 0;        ///< slip / exact surface velocity
   double floor_pressure = 0;    ///< extrapolated, over the weight
   double largest_mu_error = 0;  ///< of a particle's tau/p against the law at its own rate and pressure
@@ -25,7 +26,7 @@ inline InclineResult measure_incline(const CaseFile& file, double settle, double
   auto flow = make_flow<2>(std::move(setup));
   run_until(*flow, settle);
   InclineResult result;
-  double surface = 0, slip = 0, exact = 0;
+  double surface = 0, slip = 0, exact = 0, squares = 0;
   const int samples = 40;
   for (int k = 0; k < samples; ++k) {
     run_until(*flow, flow->time() + average / samples);
@@ -44,13 +45,19 @@ inline InclineResult measure_incline(const CaseFile& file, double settle, double
         result.largest_mu_error = std::max(result.largest_mu_error, std::abs(q.tau[i] / q.p[i] - law));
       }
     }
-    slip += Line(bottom_z, bottom_v).at_zero / samples;
+    const double slip_now = Line(bottom_z, bottom_v).at_zero;
+    const double ratio_now = (mean(top_v) - slip_now) / mean(top_exact);
+    slip += slip_now / samples;
     surface += mean(top_v) / samples;
     exact += mean(top_exact) / samples;
+    squares += ratio_now * ratio_now;
     result.floor_pressure +=
         Line(deep_z, deep_p).at_zero * length / (flow->budgets().mass * g_normal) / samples;
   }
   result.velocity_ratio = (surface - slip) / exact;
+  // Neighbouring samples resemble each other; a quarter of them is taken as independent.
+  result.velocity_error = std::sqrt(
+      std::max(squares / samples - result.velocity_ratio * result.velocity_ratio, 0.0) / (samples / 4));
   result.slip_ratio = slip / exact;
   return result;
 }

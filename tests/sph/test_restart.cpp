@@ -3,6 +3,7 @@
 
 #include "sph/base/errors.hpp"
 #include "sph/composition.hpp"
+#include "tests/base/helpers.hpp"
 #include "tests/sph/flow_fixture.hpp"
 
 namespace dem2sph {
@@ -16,8 +17,10 @@ resolution = 10
 length = "0.1 m"
 )" + glass_beads;
 
-TEST(Restart, ContinuesBitForBit) {
-  const std::string path = testing::TempDir() + "checkpoint.h5";
+using Restart = test::Scratch;
+
+TEST_F(Restart, ContinuesBitForBit) {
+  const std::filesystem::path path = in("checkpoint.h5");
   for (const std::string formulation : {"robust", "source"})
     for (const std::string dilation : {"none", "evolve"}) {
       const CaseFile file = case_of(column, {"flow.formulation=" + formulation, "flow.dilation=" + dilation});
@@ -40,8 +43,8 @@ TEST(Restart, ContinuesBitForBit) {
     }
 }
 
-TEST(Restart, AnotherConfigurationIsRefused) {
-  const std::string path = testing::TempDir() + "checkpoint_other.h5";
+TEST_F(Restart, AnotherConfigurationIsRefused) {
+  const std::filesystem::path path = in("checkpoint.h5");
   auto flow = flow_of<2>(case_of(column));
   flow->save(path, "one", "");
   EXPECT_THROW(flow->load(path, "two"), InputError);
