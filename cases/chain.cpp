@@ -276,7 +276,9 @@ std::string describe(const Fit& fit) {
                                        e.name, e.value)
                          : fmt::format("{:<10} {:>10.4g} {:>10.2g}   {:.4g} to {:.4g}\n", e.name, e.value,
                                        e.standard_error, e.low, e.high);
-  return text + fit.verdict + "\n";
+  text += fit.verdict + "\n";
+  for (const std::string& warning : fit.warnings) text += "note: " + warning + "\n";
+  return text;
 }
 
 }  // namespace dem2sph
