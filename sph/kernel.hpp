@@ -16,86 +16,80 @@ struct KernelValue {
   double f = 0;
 };
 
-/// Cubic spline (Monaghan and Lattanzio 1985): the source's kernel, at h = 1.2 dx.
+/// What kernels share: h and the factor that makes them integrate to one, given for 1D, 2D and 3D at h = 1.
 template <int Dim>
-class CubicSpline {
+class KernelScale {
  public:
-  static constexpr const char* name = "cubic_spline";
-  explicit CubicSpline(double h) : h_(h), inverse_h_(1 / h) {
-    constexpr double pi = std::numbers::pi;
-    scale_ = Dim == 1 ? 2 / (3 * h) : Dim == 2 ? 10 / (7 * pi * h * h) : 1 / (pi * h * h * h);
-  }
   double h() const { return h_; }
   double support() const { return 2 * h_; }
-  KernelValue operator()(double r) const {
-    const double q = r * inverse_h_;
-    const double outer = std::fmax(2 - q, 0.0);
-    const double inner = std::fmax(1 - q, 0.0);
-    const double w = 0.25 * outer * outer * outer - inner * inner * inner;
-    // (outer^2 - 4 inner^2)/q is 4 - 3q inside, so its limit at q = 0 is finite; the tiny term guards 0/0
-    // there.
-    const double f = -0.75 * (outer * outer - 4 * inner * inner) / (q + 1e-300);
-    return {scale_ * w, scale_ * f * inverse_h_ * inverse_h_};
-  }
+
+ protected:
+  KernelScale(double h, double in_1d, double in_2d, double in_3d)
+      : h_(h),
+        inverse_h_(1 / h),
+        value_(Dim == 1   ? in_1d * inverse_h_
+               : Dim == 2 ? in_2d * inverse_h_ * inverse_h_
+                          : in_3d * inverse_h_ * inverse_h_ * inverse_h_),
+        slope_(value_ * inverse_h_ * inverse_h_) {}
+  double q(double r) const { return r * inverse_h_; }
+  /// W from its shape, and F from the shape (dW/dq)/q.
+  KernelValue scaled(double w, double f) const { return {value_ * w, slope_ * f}; }
 
  private:
   double h_;
   double inverse_h_;
-  double scale_;
+  double value_;
+  double slope_;
+};
+
+/// Cubic spline (Monaghan and Lattanzio 1985): the source's kernel, at h = 1.2 dx.
+template <int Dim>
+class CubicSpline : public KernelScale<Dim> {
+ public:
+  static constexpr const char* name = "cubic_spline";
+  explicit CubicSpline(double h)
+      : KernelScale<Dim>(h, 2.0 / 3, 10 / (7 * std::numbers::pi), 1 / std::numbers::pi) {}
+  KernelValue operator()(double r) const {
+    const double q = this->q(r);
+    const double outer = std::fmax(2 - q, 0.0);
+    const double inner = std::fmax(1 - q, 0.0);
+    // (outer^2 - 4 inner^2)/q is 4 - 3q inside, so its limit at q = 0 is finite; the tiny term guards 0/0
+    // there.
+    return this->scaled(0.25 * outer * outer * outer - inner * inner * inner,
+                        -0.75 * (outer * outer - 4 * inner * inner) / (q + 1e-300));
+  }
 };
 
 /// Wendland C2 (Wendland 1995): no pairing of particles (Dehnen and Aly 2012).
 template <int Dim>
-class WendlandC2 {
+class WendlandC2 : public KernelScale<Dim> {
  public:
   static constexpr const char* name = "wendland_c2";
-  explicit WendlandC2(double h) : h_(h), inverse_h_(1 / h) {
-    constexpr double pi = std::numbers::pi;
-    scale_ = Dim == 1 ? 5 / (8 * h) : Dim == 2 ? 7 / (4 * pi * h * h) : 21 / (16 * pi * h * h * h);
-  }
-  double h() const { return h_; }
-  double support() const { return 2 * h_; }
+  explicit WendlandC2(double h)
+      : KernelScale<Dim>(h, 5.0 / 8, 7 / (4 * std::numbers::pi), 21 / (16 * std::numbers::pi)) {}
   KernelValue operator()(double r) const {
-    const double q = r * inverse_h_;
+    const double q = this->q(r);
     const double t = std::fmax(1 - 0.5 * q, 0.0);
     const double t2 = t * t;
-    const double s = scale_ * inverse_h_ * inverse_h_;
-    if constexpr (Dim == 1) return {scale_ * t2 * t * (1 + 1.5 * q), -3 * s * t2};
-    return {scale_ * t2 * t2 * (1 + 2 * q), -5 * s * t2 * t};
+    if constexpr (Dim == 1) return this->scaled(t2 * t * (1 + 1.5 * q), -3 * t2);
+    return this->scaled(t2 * t2 * (1 + 2 * q), -5 * t2 * t);
   }
-
- private:
-  double h_;
-  double inverse_h_;
-  double scale_;
 };
 
 /// Wendland C4 (Wendland 1995), smoother and wider in effect than C2 at the same h.
 template <int Dim>
-class WendlandC4 {
+class WendlandC4 : public KernelScale<Dim> {
  public:
   static constexpr const char* name = "wendland_c4";
-  explicit WendlandC4(double h) : h_(h), inverse_h_(1 / h) {
-    constexpr double pi = std::numbers::pi;
-    scale_ = Dim == 1 ? 3 / (4 * h) : Dim == 2 ? 9 / (4 * pi * h * h) : 495 / (256 * pi * h * h * h);
-  }
-  double h() const { return h_; }
-  double support() const { return 2 * h_; }
+  explicit WendlandC4(double h)
+      : KernelScale<Dim>(h, 3.0 / 4, 9 / (4 * std::numbers::pi), 495 / (256 * std::numbers::pi)) {}
   KernelValue operator()(double r) const {
-    const double q = r * inverse_h_;
+    const double q = this->q(r);
     const double t = std::fmax(1 - 0.5 * q, 0.0);
-    const double t2 = t * t;
-    const double s = scale_ * inverse_h_ * inverse_h_;
-    if constexpr (Dim == 1)
-      return {scale_ * t2 * t2 * t * (1 + 2.5 * q + 2 * q * q), -3.5 * s * t2 * t2 * (1 + 2 * q)};
-    return {scale_ * t2 * t2 * t2 * (1 + 3 * q + 35.0 / 12 * q * q),
-            -14.0 / 3 * s * t2 * t2 * t * (1 + 2.5 * q)};
+    const double t4 = t * t * t * t;
+    if constexpr (Dim == 1) return this->scaled(t4 * t * (1 + 2.5 * q + 2 * q * q), -3.5 * t4 * (1 + 2 * q));
+    return this->scaled(t4 * t * t * (1 + 3 * q + 35.0 / 12 * q * q), -14.0 / 3 * t4 * t * (1 + 2.5 * q));
   }
-
- private:
-  double h_;
-  double inverse_h_;
-  double scale_;
 };
 
 }  // namespace dem2sph
