@@ -1,5 +1,6 @@
 // The command line. Commands, options and exit codes are a contract: cases/README.md.
 #include <fmt/format.h>
+#include <spdlog/sinks/basic_file_sink.h>
 #include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
 
@@ -39,6 +40,17 @@ void print(const Options& options, const json& result, const std::string& text) 
     fmt::print("{}\n", result.dump(1));
   else
     fmt::print("{}", text);
+}
+
+/// From here on, what goes to stderr goes to FOLDER/dem2sph.log as well, with its time.
+void log_to(const fs::path& folder) {
+  fs::create_directories(folder);
+  auto file = std::make_shared<spdlog::sinks::basic_file_sink_mt>((folder / "dem2sph.log").string());
+  file->set_pattern("%Y-%m-%dT%H:%M:%S %l %v");
+  file->log(spdlog::details::log_msg("dem2sph", spdlog::level::info,
+                                     fmt::format("dem2sph {} ({}) starts", version, git_revision)));
+  spdlog::default_logger()->sinks().push_back(file);
+  spdlog::flush_on(spdlog::level::info);
 }
 
 json to_json(const bridge::SweepResult& result) {
@@ -82,6 +94,7 @@ ExitCode sweep(const Options& options) {
     print(options, {{"plan", text}}, text);
     return ExitCode::ok;
   }
+  log_to(options.output);
   const bridge::SweepPlan sweep_plan = bridge::plan_sweep(file, bridge::engine_version());
   return finish_sweep(
       bridge::run_sweep(sweep_plan, {options.output, jobs_or_cores(options.jobs), options.quiet}), options);
@@ -140,6 +153,7 @@ ExitCode flow(const Options& options) {
     print(options, {{"plan", text}}, text);
     return ExitCode::ok;
   }
+  log_to(options.output);
   FlowOptions flow_options;
   flow_options.folder = options.output;
   flow_options.force = options.force;
@@ -160,6 +174,7 @@ ExitCode flow(const Options& options) {
 
 ExitCode run(const Options& options) {
   if (options.dry_run) return plan(options);
+  log_to(options.output);
   const json result = run_chain(options.case_file, options.output, options);
   print(options, result,
         fmt::format("\n{}\nreport: {}\n", result.at("text").get<std::string>(),
@@ -314,19 +329,19 @@ int program(int argc, char** argv) {
 
 int main(int argc, char** argv) {
   // Results go to stdout, everything else to stderr.
-  spdlog::set_default_logger(spdlog::stderr_logger_st("dem2sph"));
-  spdlog::set_pattern("%l: %v");
+  spdlog::set_default_logger(spdlog::stderr_logger_mt("dem2sph"));
+  spdlog::set_pattern("dem2sph: %v");
   dem2sph::install_stop_handlers();
   try {
     return dem2sph::program(argc, argv);
   } catch (const dem2sph::Error& error) {
-    fmt::print(stderr, "dem2sph: {}\n", error.what());
+    spdlog::error("{}", error.what());
     return static_cast<int>(error.code());
   } catch (const std::filesystem::filesystem_error& error) {
-    fmt::print(stderr, "dem2sph: {}\n", error.what());
+    spdlog::error("{}", error.what());
     return static_cast<int>(dem2sph::ExitCode::unreadable);
   } catch (const std::exception& error) {
-    fmt::print(stderr, "dem2sph: this is a bug, please report it: {}\n", error.what());
+    spdlog::error("this is a bug, please report it: {}", error.what());
     return static_cast<int>(dem2sph::ExitCode::bug);
   }
 }

@@ -217,6 +217,13 @@ TEST_F(CommandLine, RunRefusesBeforeTheFirstGrain) {
   expect(run({"plan", example("column_collapse"), "--set", "flow.beta_lowest=-0.2"}), 0, "dilation evolve");
 }
 
+TEST_F(CommandLine, ErrorsAreInTheLogToo) {
+  std::vector<std::string> arguments = short_incline("out");
+  arguments.insert(arguments.end(), {"--set", "flow.g_min=1 1/s"});
+  expect(run(arguments), 2, "dem2sph: ");
+  EXPECT_CONTAINS(content(in("out/dem2sph.log")), "\"g_min\" changes nothing");
+}
+
 TEST_F(CommandLine, MisspeltFitOptionIsCode2) {
   expect(run({"fit", in("absent.h5"), "-o", in("law.json"), "--set", "fti.phi_I_max=0.3"}), 2,
          "did you mean [fit]?");
