@@ -654,28 +654,13 @@ class Solver final : public Flow {
         if (p_sum > 0) {
           s = s_sum;
           s *= p / p_sum;
-          if (!plane.rough) mirror(s, plane.normal);
+          if (!plane.rough) s = mirror(s, plane.normal);
         }
       }
       q.p[w] = p;
       q.rho[w] = setup_.eos.density(p);
       q.set_deviator(w, s);
     }
-  }
-  /// Reflects a stress in the plane with unit normal n: the shear traction on it then averages to zero.
-  static void mirror(S& s, const V& n) {
-    double q[dim][dim];
-    for (int i = 0; i < dim; ++i)
-      for (int j = 0; j < dim; ++j) q[i][j] = (i == j ? 1.0 : 0.0) - 2 * n[i] * n[j];
-    S result = s;
-    for (int i = 0; i < dim; ++i)
-      for (int j = i; j < dim; ++j) {
-        double sum = 0;
-        for (int k = 0; k < dim; ++k)
-          for (int m = 0; m < dim; ++m) sum += q[i][k] * s(k, m) * q[j][m];
-        result(i, j) = sum;
-      }
-    s = result;
   }
 
   // ---- momentum

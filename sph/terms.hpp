@@ -76,6 +76,29 @@ Vec<Dim> boundary_velocity(const Vec<Dim>& v_interior, const Vec<Dim>& v_wall, d
   return (1 - factor) * v_interior + factor * v_wall;
 }
 
+/// Q s Q^T for an orthogonal Q of the plane or of space; the zz of plane strain stays.
+template <int Dim>
+Sym<Dim> transform(const Sym<Dim>& s, const double (&q)[Dim][Dim]) {
+  Sym<Dim> result = s;
+  for (int i = 0; i < Dim; ++i)
+    for (int j = i; j < Dim; ++j) {
+      double sum = 0;
+      for (int k = 0; k < Dim; ++k)
+        for (int m = 0; m < Dim; ++m) sum += q[i][k] * s(k, m) * q[j][m];
+      result(i, j) = sum;
+    }
+  return result;
+}
+
+/// Reflects a stress in the plane with unit normal n: the shear traction on it then averages to zero.
+template <int Dim>
+Sym<Dim> mirror(const Sym<Dim>& s, const Vec<Dim>& n) {
+  double q[Dim][Dim];
+  for (int i = 0; i < Dim; ++i)
+    for (int j = 0; j < Dim; ++j) q[i][j] = (i == j ? 1.0 : 0.0) - 2 * n[i] * n[j];
+  return transform(s, q);
+}
+
 /// Rotates a stress by the spin W over dt: Hughes and Winget (1980), an exact rotation for every dt, so that
 /// its norm is kept to rounding. w(i, j) = (L_ij - L_ji)/2.
 template <int Dim>
@@ -95,15 +118,7 @@ Sym<Dim> rotate(const Sym<Dim>& s, const Gradient<Dim>& l, double dt) {
       for (int k = 0; k < Dim; ++k) a2 += a[i][k] * a[k][j];
       q[i][j] = (i == j ? 1.0 : 0.0) + 2 * (a[i][j] + a2) / (1 + square);
     }
-  Sym<Dim> rotated = s;  // zz of plane strain is not touched
-  for (int i = 0; i < Dim; ++i)
-    for (int j = i; j < Dim; ++j) {
-      double sum = 0;
-      for (int k = 0; k < Dim; ++k)
-        for (int m = 0; m < Dim; ++m) sum += q[i][k] * s(k, m) * q[j][m];
-      rotated(i, j) = sum;
-    }
-  return rotated;
+  return transform(s, q);
 }
 
 }  // namespace dem2sph
