@@ -8,7 +8,7 @@ packages=(
   liggghts
   libeigen3-dev libhdf5-dev libceres-dev libgtest-dev libcli11-dev libtomlplusplus-dev
   libfmt-dev libspdlog-dev nlohmann-json3-dev librapidcheck-dev libbenchmark-dev
-  gnuplot-nox
+  gnuplot-nox valgrind
 )
 
 missing=()

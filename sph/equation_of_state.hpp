@@ -1,4 +1,5 @@
-// Eq. 5.5 (reconstructed): p = max(0, (K/gamma) ((rho/rho0)^gamma - 1)). gamma = 1 is the linear law.
+// Eq. 5.5 (reconstructed): p = (K/gamma) ((rho/rho0)^gamma - 1), cut off in tension. gamma = 1 is the linear
+// law.
 #pragma once
 
 #include <cmath>
@@ -6,17 +7,20 @@
 namespace dem2sph {
 
 struct EquationOfState {
-  double K = 0;      ///< bulk modulus at rho0 [Pa]
-  double gamma = 1;  ///< exponent
-  double rho0 = 0;   ///< density at which the pressure vanishes [kg/m^3]
+  double K = 0;        ///< bulk modulus at rho0 [Pa]
+  double gamma = 1;    ///< exponent
+  double rho0 = 0;     ///< density at which the pressure vanishes [kg/m^3]
+  double tension = 0;  ///< tensile strength [Pa]: below p = -tension the material has come apart and p = 0.
+                       ///< With 0, p is never negative.
 
-  /// Pressure [Pa], never tensile.
-  double pressure(double rho) const {
-    const double ratio = rho / rho0;
+  double pressure(double rho) const { return pressure(rho, rho0); }
+  /// Pressure [Pa] of a particle with a rho0 of its own.
+  double pressure(double rho, double own_rho0) const {
+    const double ratio = rho / own_rho0;
     const double p = gamma == 1 ? K * (ratio - 1) : K / gamma * (std::pow(ratio, gamma) - 1);
-    return p < 0 ? 0 : p;  // a NaN stays one
+    return p < -tension ? 0 : p;  // a NaN stays one
   }
-  /// Density at which a pressure p >= 0 is reached.
+  /// Density at which a pressure p >= -tension is reached.
   double density(double p) const {
     return gamma == 1 ? rho0 * (1 + p / K) : rho0 * std::pow(1 + gamma * p / K, 1 / gamma);
   }
@@ -26,13 +30,14 @@ struct EquationOfState {
     return gamma == 1 ? K * ratio : K * std::pow(ratio, gamma);
   }
   /// Energy of compression per mass from rho0 to rho [J/kg]: the integral of p/rho^2.
-  double energy(double rho) const {
-    if (rho <= rho0) return 0;
-    const double r = rho / rho0;
-    const double scale = K / (gamma * rho0);
+  double energy(double rho, double own_rho0) const {
+    if (pressure(rho, own_rho0) == 0) return 0;
+    const double r = rho / own_rho0;
+    const double scale = K / (gamma * own_rho0);
     if (gamma == 1) return scale * (std::log(r) + 1 / r - 1);
     return scale * ((std::pow(r, gamma - 1) - 1) / (gamma - 1) + 1 / r - 1);
   }
+  double energy(double rho) const { return energy(rho, rho0); }
 };
 
 }  // namespace dem2sph

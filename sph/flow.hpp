@@ -24,18 +24,47 @@ struct StepInfo {
 
 /// Sums over all interior particles, per metre of width in 2D.
 struct Budgets {
-  double mass = 0;                     ///< [kg]
-  std::array<double, 3> momentum{};    ///< [kg m/s]
-  double kinetic = 0;                  ///< [J]
-  double potential = 0;                ///< [J], of gravity, zero at the origin
-  double elastic = 0;                  ///< [J], compression and shear
-  double dissipated = 0;               ///< [J], by plastic or viscous shear and by damping, since t = 0
-  double flowing = 0;                  ///< mass that shears under pressure [kg]
-  double outside_data = 0;             ///< of it, at an I outside the range of the law's data [kg]
-  double beta_limited = 0;             ///< of it, with beta at one of its limits [kg]
-  double phi_at_floor = 0;             ///< of it, with phi_eq at the floor where the linear law ends [kg]
-  double largest_speed = 0;            ///< [m/s]
+  double mass = 0;                   ///< [kg]
+  std::array<double, 3> momentum{};  ///< [kg m/s]
+  double kinetic = 0;                ///< [J]
+  double potential = 0;              ///< [J], of gravity, zero at the origin
+  double elastic = 0;                ///< [J], compression and shear
+  double dissipated = 0;             ///< [J], since t = 0: the sum of the next four
+  double sheared = 0;                ///< [J], by plastic or viscous shear
+  double damped = 0;                 ///< [J], by artificial viscosity
+  double cut_off = 0;        ///< [J], lost where material came apart or met a wall as single particles
+  double slid = 0;           ///< [J], by sliding on walls with a basal friction
+  double diffused = 0;       ///< [J], put into compression by density diffusion since t = 0
+  double from_walls = 0;     ///< [J], put in by moving walls since t = 0
+  double flowing = 0;        ///< mass that shears under pressure [kg]
+  double outside_data = 0;   ///< of it, at an I outside the range of the law's data [kg]
+  double ill_posed = 0;      ///< of it, where mu(I) is ill-posed (Barker et al. 2015) [kg]
+  double beta_limited = 0;   ///< of it, with beta at one of its limits [kg]
+  double phi_at_floor = 0;   ///< of it, with phi_eq at the floor where the linear law ends [kg]
+  double largest_speed = 0;  ///< [m/s]
+  double mean_speed = 0;     ///< mass-weighted mean of |v| [m/s]
   std::array<double, 3> wall_force{};  ///< [N] of the walls on the material, from the momentum balance
+
+  /// What the budget does not explain, against an earlier state: zero if every term were exact [J].
+  double unaccounted_since(const Budgets& earlier) const {
+    const double before = earlier.kinetic + earlier.potential + earlier.elastic;
+    const double now = kinetic + potential + elastic;
+    return before - now - (dissipated - earlier.dissipated) + (diffused - earlier.diffused) +
+           (from_walls - earlier.from_walls);
+  }
+};
+
+/// An array that a composition carries.
+struct ArrayInUse {
+  std::string name;
+  std::string unit;
+  std::size_t components = 0;
+  std::size_t bytes = 0;
+};
+/// What a composition does each step, and what it leaves out.
+struct PassList {
+  std::vector<std::string> passes;
+  std::vector<std::string> left_out;
 };
 
 class Flow {
@@ -54,6 +83,8 @@ class Flow {
   virtual std::size_t particles() const = 0;
   virtual std::size_t pairs() const = 0;
   virtual std::size_t bytes() const = 0;
+  virtual std::vector<ArrayInUse> arrays_in_use() const = 0;
+  virtual PassList passes() const = 0;
   /// The words of the composition, formulation first.
   virtual std::vector<std::string> composition() const = 0;
   /// Everything that the next step depends on, to the bit. `key` names the configuration, `note` is kept for
@@ -64,8 +95,7 @@ class Flow {
   virtual std::string load(const std::filesystem::path& path, const std::string& key) = 0;
 };
 
-/// Makes the solver of the set-up's composition. Throws UsageError, listing those that exist, if there is
-/// none.
+/// Makes the solver of the set-up's composition.
 template <int Dim>
 std::unique_ptr<Flow> make_flow(FlowSetup<Dim> setup);
 

@@ -7,6 +7,9 @@
 
 #include <cmath>
 #include <numbers>
+#include <stdexcept>
+#include <string>
+#include <variant>
 
 namespace dem2sph {
 
@@ -15,6 +18,9 @@ struct KernelValue {
   double w = 0;
   double f = 0;
 };
+
+/// x where it is positive, else 0; NaN stays (std::fmax would hide it).
+inline double positive(double x) { return x < 0 ? 0 : x; }
 
 /// What kernels share: h and the factor that makes them integrate to one, given for 1D, 2D and 3D at h = 1.
 template <int Dim>
@@ -51,8 +57,8 @@ class CubicSpline : public KernelScale<Dim> {
       : KernelScale<Dim>(h, 2.0 / 3, 10 / (7 * std::numbers::pi), 1 / std::numbers::pi) {}
   KernelValue operator()(double r) const {
     const double q = this->q(r);
-    const double outer = std::fmax(2 - q, 0.0);
-    const double inner = std::fmax(1 - q, 0.0);
+    const double outer = positive(2 - q);
+    const double inner = positive(1 - q);
     // (outer^2 - 4 inner^2)/q is 4 - 3q inside, so its limit at q = 0 is finite; the tiny term guards 0/0
     // there.
     return this->scaled(0.25 * outer * outer * outer - inner * inner * inner,
@@ -69,7 +75,7 @@ class WendlandC2 : public KernelScale<Dim> {
       : KernelScale<Dim>(h, 5.0 / 8, 7 / (4 * std::numbers::pi), 21 / (16 * std::numbers::pi)) {}
   KernelValue operator()(double r) const {
     const double q = this->q(r);
-    const double t = std::fmax(1 - 0.5 * q, 0.0);
+    const double t = positive(1 - 0.5 * q);
     const double t2 = t * t;
     if constexpr (Dim == 1) return this->scaled(t2 * t * (1 + 1.5 * q), -3 * t2);
     return this->scaled(t2 * t2 * (1 + 2 * q), -5 * t2 * t);
@@ -85,11 +91,23 @@ class WendlandC4 : public KernelScale<Dim> {
       : KernelScale<Dim>(h, 3.0 / 4, 9 / (4 * std::numbers::pi), 495 / (256 * std::numbers::pi)) {}
   KernelValue operator()(double r) const {
     const double q = this->q(r);
-    const double t = std::fmax(1 - 0.5 * q, 0.0);
+    const double t = positive(1 - 0.5 * q);
     const double t4 = t * t * t * t;
     if constexpr (Dim == 1) return this->scaled(t4 * t * (1 + 2.5 * q + 2 * q * q), -3.5 * t4 * (1 + 2 * q));
     return this->scaled(t4 * t * t * (1 + 3 * q + 35.0 / 12 * q * q), -14.0 / 3 * t4 * t * (1 + 2.5 * q));
   }
 };
+
+/// The kernel in use: visited once a pass, never once a pair.
+template <int Dim>
+using AnyKernel = std::variant<CubicSpline<Dim>, WendlandC2<Dim>, WendlandC4<Dim>>;
+
+template <int Dim>
+AnyKernel<Dim> make_kernel(const std::string& name, double h) {
+  if (name == CubicSpline<Dim>::name) return CubicSpline<Dim>(h);
+  if (name == WendlandC2<Dim>::name) return WendlandC2<Dim>(h);
+  if (name == WendlandC4<Dim>::name) return WendlandC4<Dim>(h);
+  throw std::logic_error("unknown kernel " + name);
+}
 
 }  // namespace dem2sph

@@ -1,4 +1,4 @@
-// Who is near whom: a Verlet list over a grid of cells, with periodic horizontal directions.
+// Who is near whom: a Verlet list over a grid of cells, with periodic directions.
 //
 // The list holds all pairs within support + skin and stays valid until some particle has moved half the skin,
 // which is checked every step. Each particle's neighbours are stored interior first, then walls, so that a
@@ -16,7 +16,8 @@
 
 namespace dem2sph {
 
-/// Periodic lengths; infinite where a direction is not periodic. The last direction (up) never is.
+/// Periodic lengths; infinite where a direction is not periodic. No scene makes the last direction (up)
+/// periodic, but tests of waves and lattices do.
 template <int Dim>
 struct Period {
   Vec<Dim> length;
@@ -25,12 +26,18 @@ struct Period {
   }
   /// The shortest image of a difference of positions (|r| below 1.5 periods).
   Vec<Dim> shortest(Vec<Dim> r) const {
-    for (int k = 0; k + 1 < Dim; ++k) {
-      const double half = 0.5 * length[k];
-      r[k] -= r[k] > half ? length[k] : 0.0;
-      r[k] += r[k] < -half ? length[k] : 0.0;
-    }
+    for (int k = 0; k + 1 < Dim; ++k) shorten(r, k);
+    // A branch that is always foretold costs less than the arithmetic that would change nothing.
+    if (length[Dim - 1] < std::numeric_limits<double>::infinity()) [[unlikely]]
+      shorten(r, Dim - 1);
     return r;
+  }
+
+ private:
+  void shorten(Vec<Dim>& r, int k) const {
+    const double half = 0.5 * length[k];
+    r[k] -= r[k] > half ? length[k] : 0.0;
+    r[k] += r[k] < -half ? length[k] : 0.0;
   }
 };
 

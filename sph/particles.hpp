@@ -1,5 +1,5 @@
 // The particles as structure of arrays: first the interior ones, [0, interior), then those of walls,
-// [interior, size).
+// [interior, size). The arrays of a part that is off are empty.
 #pragma once
 
 #include <array>
@@ -11,59 +11,96 @@
 
 namespace dem2sph {
 
-/// A plane wall, the half space below it filled with wall particles. n is the unit normal into the material.
-template <int Dim>
-struct Plane {
-  Vec<Dim> point;
-  Vec<Dim> normal;
-  Vec<Dim> velocity;
-  bool rough = true;  ///< a rough wall drags the material along; a smooth one is frictionless
-  double distance(const Vec<Dim>& x) const { return dot(x - point, normal); }
-};
+using Column = std::vector<double>;
 
 template <int Dim>
 struct Particles {
+  template <std::size_t N>
+  using Columns = std::array<Column, N>;
+  static constexpr std::size_t square = std::size_t{Dim} * Dim;
+
   std::size_t interior = 0;
   std::size_t size = 0;
-  std::array<std::vector<double>, Dim> x;             ///< position [m]
-  std::array<std::vector<double>, Dim> v;             ///< velocity [m/s]; of a wall: see the walls in use
-  std::array<std::vector<double>, Dim> a;             ///< acceleration [m/s^2], interior only
-  std::vector<double> m;                              ///< mass [kg, per metre of width in 2D]
-  std::vector<double> rho;                            ///< bulk density [kg/m^3]
-  std::vector<double> p;                              ///< pressure, compression positive [Pa]
-  std::array<std::vector<double>, Sym<Dim>::size> s;  ///< deviatoric stress [Pa]
-  std::vector<double> gamma_dot;                      ///< shear rate that flows [1/s], interior only
-  std::vector<std::int64_t> id;                       ///< stays with a particle through all sorting
-  std::vector<std::int64_t> plane;                    ///< which plane a wall particle belongs to; -1 inside
+  Columns<Dim> x;             ///< position [m]
+  Columns<Dim> v;             ///< velocity [m/s]; of a wall: see the walls in use
+  Columns<Dim> a;             ///< acceleration [m/s^2], interior only
+  Column m;                   ///< mass [kg, per metre of width in 2D]
+  Column rho;                 ///< bulk density [kg/m^3]
+  Column p;                   ///< pressure, compression positive [Pa]
+  Columns<Sym<Dim>::size> s;  ///< deviatoric stress [Pa]
+  Column gamma_dot;           ///< shear rate that flows [1/s]
+  Columns<square> l;          ///< velocity gradient L_ij [1/s], of all that have a stress of their own
 
+  // What only some parts need.
+  Column rho_tilde;            ///< density before the Shepard filter, Eq. 5.17 [kg/m^3]
+  Column rho_rate;             ///< d(rho)/dt of a continuity equation [kg/m^3/s]
+  Column rho0;                 ///< density without pressure where it differs between particles [kg/m^3]
+  Column dilation_state;       ///< phi, or beta of the printed form [1]
+  Column dilation_I;           ///< the inertial number at the end of the last strain increment [1]
+  Column beta;                 ///< the beta that entered mu last, after its limits [1]
+  Column limiter;              ///< of the damping, in [0, 1]
+  Columns<Dim> averaged;       ///< what velocity averaging adds to the velocity of transport [m/s]
+  Columns<square> correction;  ///< inverse of the kernel gradient's first moment [1]
+  Column lambda;               ///< least eigenvalue of that moment: 1 inside, less at a surface
+
+  std::vector<std::int64_t> id;    ///< stays with a particle through all sorting
+  std::vector<std::int64_t> wall;  ///< which wall a wall particle belongs to; -1 inside
+
+  /// Sizes the arrays that every composition has.
   void resize(std::size_t interior_count, std::size_t total) {
     interior = interior_count;
     size = total;
-    arrays([&](const char*, const char*, std::vector<double>& values) { values.resize(total, 0.0); });
+    for (Column& c : x) c.resize(total, 0.0);
+    for (Column& c : v) c.resize(total, 0.0);
+    for (Column& c : a) c.resize(interior, 0.0);
+    for (Column* c : {&m, &rho, &p, &gamma_dot}) c->resize(total, 0.0);
+    for (Column& c : s) c.resize(total, 0.0);
     id.resize(total, 0);
-    plane.resize(total, -1);
+    wall.resize(total, -1);
   }
 
   /// Calls f(name, unit, array) for every array of numbers: sorting, checkpoints and memory counts use it.
   template <class F>
   void arrays(F&& f) {
-    for (auto& c : x) f("x", "m", c);
-    for (auto& c : v) f("v", "m/s", c);
-    for (auto& c : a) f("a", "m/s^2", c);
+    const auto each = [&](const char* name, const char* unit, auto& columns) {
+      for (Column& c : columns) f(name, unit, c);
+    };
+    each("x", "m", x);
+    each("v", "m/s", v);
+    each("a", "m/s^2", a);
     f("m", "kg", m);
     f("rho", "kg/m^3", rho);
     f("p", "Pa", p);
-    for (auto& c : s) f("s", "Pa", c);
+    each("s", "Pa", s);
     f("gamma_dot", "1/s", gamma_dot);
+    each("l", "1/s", l);
+    f("rho_tilde", "kg/m^3", rho_tilde);
+    f("rho_rate", "kg/m^3/s", rho_rate);
+    f("rho0", "kg/m^3", rho0);
+    f("dilation_state", "1", dilation_state);
+    f("dilation_I", "1", dilation_I);
+    f("beta", "1", beta);
+    f("limiter", "1", limiter);
+    each("averaged", "m/s", averaged);
+    each("correction", "1", correction);
+    f("lambda", "1", lambda);
   }
 
-  static Vec<Dim> load(const std::array<std::vector<double>, Dim>& field, std::size_t i) {
+  static Vec<Dim> load(const Columns<Dim>& field, std::size_t i) {
     Vec<Dim> value;
     for (std::size_t k = 0; k < Dim; ++k) value.c[k] = field[k][i];
     return value;
   }
-  static void store(std::array<std::vector<double>, Dim>& field, std::size_t i, const Vec<Dim>& value) {
+  static void store(Columns<Dim>& field, std::size_t i, const Vec<Dim>& value) {
     for (std::size_t k = 0; k < Dim; ++k) field[k][i] = value.c[k];
+  }
+  static Gradient<Dim> load(const Columns<square>& field, std::size_t i) {
+    Gradient<Dim> value;
+    for (std::size_t k = 0; k < square; ++k) value.c[k] = field[k][i];
+    return value;
+  }
+  static void store(Columns<square>& field, std::size_t i, const Gradient<Dim>& value) {
+    for (std::size_t k = 0; k < square; ++k) field[k][i] = value.c[k];
   }
   Vec<Dim> position(std::size_t i) const { return load(x, i); }
   Vec<Dim> velocity(std::size_t i) const { return load(v, i); }

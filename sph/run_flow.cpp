@@ -5,11 +5,13 @@
 #ifdef _OPENMP
 #include <omp.h>
 #endif
+#include <spdlog/spdlog.h>
 #include <sys/resource.h>
 
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <numbers>
 
 #include "sph/base/deposit.hpp"
 #include "sph/base/errors.hpp"
@@ -39,8 +41,10 @@ double cpu_seconds() {
 
 json to_json(const Budgets& b, int dim) {
   std::vector<double> momentum(b.momentum.begin(), b.momentum.begin() + dim);
-  return {{"mass", b.mass},           {"momentum", momentum}, {"kinetic", b.kinetic},
-          {"potential", b.potential}, {"elastic", b.elastic}, {"dissipated", b.dissipated}};
+  return {{"mass", b.mass},           {"momentum", momentum},   {"kinetic", b.kinetic},
+          {"potential", b.potential}, {"elastic", b.elastic},   {"dissipated", b.dissipated},
+          {"sheared", b.sheared},     {"damped", b.damped},     {"cut_off", b.cut_off},
+          {"slid", b.slid},           {"diffused", b.diffused}, {"from_walls", b.from_walls}};
 }
 
 // What is measured while a flow runs; the part of a run that a checkpoint must carry beside the particles.
@@ -63,6 +67,7 @@ struct Record {
   double wall_seconds = 0;
   double cpu_seconds = 0;
   json initial_budgets;
+  double initial_energy = 0;  // kinetic, potential and elastic
   // Mass beyond the law's data over the mass that flows: sums over the samples in which anything flowed, and
   // maxima.
   struct Share {
@@ -73,7 +78,7 @@ struct Record {
       largest = std::max(largest, share);
     }
   };
-  Share outside_data, beta_limited, phi_at_floor;
+  Share outside_data, ill_posed, beta_limited, phi_at_floor;
   long flowing_samples = 0;
   double particle_steps = 0;
   double pair_steps = 0;
@@ -90,10 +95,11 @@ struct Record {
                 {"dt", {dt_min, dt_max}},
                 {"seconds", {wall_seconds, cpu_seconds}},
                 {"initial_budgets", initial_budgets},
+                {"initial_energy", initial_energy},
                 {"work", {particle_steps, pair_steps}},
                 {"shares",
                  {outside_data.sum, outside_data.largest, beta_limited.sum, beta_limited.largest,
-                  phi_at_floor.sum, phi_at_floor.largest, flowing_samples}}}
+                  phi_at_floor.sum, phi_at_floor.largest, flowing_samples, ill_posed.sum, ill_posed.largest}}}
         .dump();
   }
   static Record from(const std::string& text) {
@@ -117,6 +123,8 @@ struct Record {
     r.beta_limited = {shares.at(2).get<double>(), shares.at(3).get<double>()};
     r.phi_at_floor = {shares.at(4).get<double>(), shares.at(5).get<double>()};
     r.flowing_samples = shares.at(6).get<long>();
+    r.ill_posed = {shares.at(7).get<double>(), shares.at(8).get<double>()};
+    r.initial_energy = j.at("initial_energy").get<double>();
     return r;
   }
 };
@@ -124,7 +132,7 @@ struct Record {
 // Where the strip "at the centre" ends: 3 d (definitions), but at least two particles.
 template <int Dim>
 double centre_strip(const FlowSetup<Dim>& setup) {
-  return std::max(3 * setup.material.grains.d, 2 * setup.numerics.dx);
+  return std::max(3 * setup.grains.d, 2 * setup.dx);
 }
 
 /// Least-squares line; its value at 0 extrapolates to the floor.
@@ -196,7 +204,7 @@ class Run {
       if (stop_requested() || elapsed() - last_checkpoint > checkpoint_every) {
         last_checkpoint = elapsed();
         clock();
-        flow_->save(checkpoint(), key_, record_.text());
+        save_checkpoint();
         if (stop_requested())
           throw Interrupted(fmt::format("{}: stopped at t = {:.4g} s; the same command goes on from there",
                                         options_.folder.string(), flow_->time()));
@@ -210,8 +218,9 @@ class Run {
     clock();
     const json result = summary(ended);
     write_file_atomically(options_.folder / "summary.json", result.dump(1) + "\n");
-    std::error_code ignored;  // a checkpoint that was never needed may not exist
-    fs::remove(checkpoint(), ignored);
+    warn_of_ill_posedness();
+    fs::remove(checkpoint());  // no error if there is none
+    fs::remove(older_checkpoint());
     progress.finish(fmt::format("{} at t = {:.4g} s, {} steps, {:.3g} million particle-steps a second", ended,
                                 flow_->time(), flow_->steps(),
                                 1e-6 * record_.particle_steps / record_.wall_seconds));
@@ -220,22 +229,43 @@ class Run {
 
  private:
   fs::path checkpoint() const { return options_.folder / "checkpoint.h5"; }
+  fs::path older_checkpoint() const { return options_.folder / "checkpoint.previous.h5"; }
+  /// Two generations are kept: a disk that fails while one is written leaves the other.
+  void save_checkpoint() {
+    if (fs::exists(checkpoint())) fs::rename(checkpoint(), older_checkpoint());
+    flow_->save(checkpoint(), key_, record_.text());
+  }
+  /// The note of the newest checkpoint that can be read. Throws InputError if none can, or if it belongs to
+  /// another configuration.
+  std::string load_checkpoint() {
+    if (!fs::exists(checkpoint())) return flow_->load(older_checkpoint(), key_);
+    try {
+      return flow_->load(checkpoint(), key_);
+    } catch (const InputError& error) {
+      if (!fs::exists(older_checkpoint())) throw;
+      spdlog::warn("{}; going back to {}", error.what(), older_checkpoint().string());
+      return flow_->load(older_checkpoint(), key_);
+    }
+  }
   void prepare_folder() {
     fs::create_directories(options_.folder);
     if (options_.force) {
       fs::remove(options_.folder / "summary.json");
       fs::remove(checkpoint());
+      fs::remove(older_checkpoint());
     }
     if (fs::exists(options_.folder / "summary.json"))
       throw UsageError(
           fmt::format("{}: holds the results of an earlier run; use --force to overwrite them, or another -o",
                       options_.folder.string()));
-    if (fs::exists(checkpoint())) {
-      record_ = Record::from(flow_->load(checkpoint(), key_));
+    if (fs::exists(checkpoint()) || fs::exists(older_checkpoint())) {
+      record_ = Record::from(load_checkpoint());
     } else {
       fs::create_directories(options_.folder / "frames");
       remove_old_frames();
-      record_.initial_budgets = to_json(flow_->budgets(), Dim);
+      const Budgets b = flow_->budgets();
+      record_.initial_budgets = to_json(b, Dim);
+      record_.initial_energy = b.kinetic + b.potential + b.elastic;
     }
     write_file_atomically(options_.folder / "effective.toml", effective_);
   }
@@ -249,11 +279,21 @@ class Run {
     }
   }
 
+  /// The material along x, or along the radius where it is axisymmetric.
   Bodies bodies() {
     flow_->deposit(positions_, volumes_);
     x_.resize(positions_.size());
-    for (std::size_t i = 0; i < x_.size(); ++i) x_[i] = positions_[i][0];
-    return {x_, volumes_, setup_.numerics.dx, Dim == 3 ? setup_.period.length[Dim - 2] : 1.0};
+    for (std::size_t i = 0; i < x_.size(); ++i)
+      x_[i] = setup_.axisymmetric ? std::hypot(positions_[i][0], positions_[i][1]) : positions_[i][0];
+    return {x_, volumes_, setup_.dx, Dim == 3 && !setup_.axisymmetric ? setup_.period.length[Dim - 2] : 1.0};
+  }
+  /// Bulk height around the centre: over a strip, or over the quarter of a disc.
+  double centre_height(const Bodies& heap) const {
+    const bool front = setup_.initial_length > 0;
+    if (!setup_.axisymmetric)
+      return mean_height(heap, 0, front ? centre_strip(setup_) : setup_.period.length[0]);
+    const double r = centre_strip(setup_);
+    return mean_height(heap, 0, r) / (0.25 * std::numbers::pi * r);  // volume/(r 1) over area/(r 1)
   }
 
   /// Takes one sample of the series; true if the flow has come to rest.
@@ -266,20 +306,21 @@ class Run {
     s["max_speed"].push_back(b.largest_speed);
     s["wall_force_normal"].push_back(b.wall_force[Dim - 1]);
     const Bodies heap = bodies();
-    const bool collapse = setup_.initial_length > 0;
+    const bool collapse = setup_.initial_length > 0;  // something has a front
     s["front_99"].push_back(collapse ? front_99(heap) : 0.0);
-    s["centre_height"].push_back(
-        mean_height(heap, 0, collapse ? centre_strip(setup_) : setup_.period.length[0]));
+    s["centre_height"].push_back(collapse || std::isfinite(setup_.period.length[0]) ? centre_height(heap)
+                                                                                    : 0.0);
     record_.sampled = static_cast<long>((flow_->time() / setup_.end_time) * samples * (1 + 1e-12)) + 1;
     if (b.flowing > 0) {
       ++record_.flowing_samples;
       record_.outside_data.add(b.outside_data / b.flowing);
+      record_.ill_posed.add(b.ill_posed / b.flowing);
       record_.beta_limited.add(b.beta_limited / b.flowing);
       record_.phi_at_floor.add(b.phi_at_floor / b.flowing);
     }
     const double initial = record_.initial_budgets.at("potential").get<double>();
     // At t = 0 nothing moves either: rest counts once a free fall over H would have taken place.
-    return collapse && flow_->time() > std::sqrt(2 * setup_.length_scale / norm(setup_.gravity)) &&
+    return setup_.stop_at_rest && flow_->time() > std::sqrt(2 * setup_.length_scale / norm(setup_.gravity)) &&
            b.kinetic < 1e-4 * std::abs(initial);
   }
 
@@ -297,8 +338,8 @@ class Run {
     record_.pvd.push_back({flow_->time(), "frames/" + name + ".vtp"});
     write_pvd(record_.pvd, options_.folder / "frames.pvd");
     ++record_.framed;
-    if (setup_.initial_length > 0) {
-      const double bin = std::max(2 * setup_.material.grains.d, setup_.numerics.dx);
+    if (setup_.initial_length > 0 && !setup_.axisymmetric) {
+      const double bin = std::max(2 * setup_.grains.d, setup_.dx);
       const auto bins = static_cast<std::size_t>(std::ceil(setup_.floor_end / bin));
       const std::vector<double> height = height_profile(bodies(), 0, bin, bins);
       std::vector<double> x(bins);
@@ -315,11 +356,28 @@ class Run {
     };
     json result = json::object();
     if (setup_.law_range.highest > 0) result["I_outside_data"] = share(record_.outside_data);
-    if (setup_.ingredients.dilation == "evolve") {
+    result["ill_posed"] = share(record_.ill_posed);
+    const DilationPart& dilation = setup_.parts.dilation;
+    if (!std::holds_alternative<NoDilation>(dilation))
       result["beta_at_its_limit"] = share(record_.beta_limited);
+    if (std::visit([]<class D>(const D&) { return has_dilation_state<D>; }, dilation))
       result["phi_eq_at_its_floor"] = share(record_.phi_at_floor);
-    }
     return result;
+  }
+
+  /// Says how much of the flow has equations in which the shortest waves grow fastest: there a finer
+  /// resolution need not give a better answer. 3 % is "more than a few per cent" in a number.
+  void warn_of_ill_posedness() const {
+    const double n = std::max(1.0, static_cast<double>(record_.flowing_samples));
+    const double mean = record_.ill_posed.sum / n;
+    if (mean > 0.03)
+      spdlog::warn(
+          "{}: on average {:.0f} % of the flowing mass ({:.0f} % at most) is at an inertial number at which "
+          "this "
+          "friction law is ill-posed (Barker et al. 2015): details may depend on the resolution; "
+          "law.friction = "
+          "\"barker_gray_2017\" is well posed at low I",
+          options_.folder.string(), 100 * mean, 100 * record_.ill_posed.largest);
   }
 
   /// What an incline shows at the end: slip, surface velocity, pressure on the floor, from lines through
@@ -328,7 +386,7 @@ class Run {
     const Frame frame = flow_->frame();
     const std::vector<double>& x = frame.field("x").values;
     const std::vector<double>& v = frame.field("v").values;
-    const double dx = setup_.numerics.dx;
+    const double dx = setup_.dx;
     const double top = setup_.length_scale - 2 * dx;
     Line near_floor, pressure;
     double surface = 0;
@@ -351,9 +409,8 @@ class Run {
     const Budgets b = flow_->budgets();
     const json& before = record_.initial_budgets;
     const double steps = static_cast<double>(flow_->steps());
-    const double total_before = before.at("kinetic").get<double>() + before.at("potential").get<double>() +
-                                before.at("elastic").get<double>();
-    const double unaccounted = total_before - b.kinetic - b.potential - b.elastic - b.dissipated;
+    const double unaccounted = record_.initial_energy - b.kinetic - b.potential - b.elastic - b.dissipated +
+                               b.diffused + b.from_walls;
     json bounds;
     for (std::size_t k = 0; k < bound_names.size(); ++k) bounds[bound_names[k]] = record_.bounds[k];
     const double tau = std::sqrt(setup_.length_scale / norm(setup_.gravity));
@@ -382,18 +439,18 @@ class Run {
          {{"L0", setup_.initial_length},
           {"H0", setup_.length_scale},
           {"solid_fraction", setup_.initial_phi}}},
-        {"time_scale", tau},
         {"outside_law", beyond_the_law()},
         {"sound_speed", std::sqrt(setup_.eos.K / setup_.eos.rho0)},
-        {"dx", setup_.numerics.dx},
-        {"h", setup_.numerics.h},
+        {"dx", setup_.dx},
+        {"h", setup_.h},
         {"series", record_.series},
         {"profiles", record_.profiles},
         {"law_sha256", law_hash_},
         {"case_sha256", sha256(effective_)},
         {"configuration", key_},
         {"provenance", provenance()}};
-    if (setup_.initial_length == 0) result["incline"] = incline_measures();
+    if (std::isfinite(tau)) result["time_scale"] = tau;  // without gravity there is none
+    if (setup_.scene == "inclined_plane") result["incline"] = incline_measures();
     if (setup_.initial_length > 0) {
       const double front = record_.series.at("front_99").back().get<double>();
       const double height = record_.series.at("centre_height").back().get<double>();
@@ -442,27 +499,33 @@ json run(const CaseFile& file, const LawFile& law, const FlowOptions& options) {
 template <int Dim>
 std::string plan(const CaseFile& file, const LawFile& law) {
   FlowSetup<Dim> setup = make_setup<Dim>(file, law);
-  const Ingredients use = setup.ingredients;
   const double end = setup.end_time;
-  const double dx = setup.numerics.dx;
+  const double dx = setup.dx;
+  const ElasticReturn* elastic = std::get_if<ElasticReturn>(&setup.parts.stress);
   const double step_estimate =
-      0.25 * setup.numerics.h * setup.numerics.step_factor /
-      std::sqrt(setup.eos.K * (1 + 4.0 / 3 * setup.numerics.G_over_K) / setup.eos.rho0);
+      0.25 * setup.h * setup.step_factor /
+      std::sqrt((setup.eos.K + (elastic ? 4.0 / 3 * elastic->G : 0.0)) / setup.eos.rho0);
   const std::unique_ptr<Flow> flow = make_flow<Dim>(std::move(setup));
   std::string text = fmt::format("flow: {}\n", fmt::join(flow->composition(), ", "));
   text += fmt::format("  particles      {} inside, {} in walls, spacing {:.4g} m\n", flow->interior(),
                       flow->particles() - flow->interior(), dx);
-  text += fmt::format("  memory         {} bytes a particle\n", flow->bytes() / flow->particles());
   const double steps = end / step_estimate;
   text += fmt::format("  steps          about {:.0f} to t = {:.4g} s (sound bound {:.3g} s)\n", steps, end,
                       step_estimate);
   text += fmt::format("  particle-steps about {:.2g}\n", steps * static_cast<double>(flow->interior()));
-  if (use.dilation == "none")
-    text += "  left out       phi, beta: 16 bytes a particle, the Newton of the return\n";
-  if (use.damping == "none") text += "  left out       damping: about 12 flops a pair\n";
-  if (use.stress == "direct") text += "  left out       elastic predictor and its rotation\n";
-  if (use.density != "summation_shepard")
-    text += "  left out       the two summation passes and wall-wall pairs\n";
+  text += fmt::format("  memory         {} bytes a particle, of which\n", flow->bytes() / flow->particles());
+  std::size_t listed = flow->bytes();
+  for (const ArrayInUse& array : flow->arrays_in_use()) {
+    text += fmt::format("                 {:>6.1f}  {} [{}]{}\n",
+                        static_cast<double>(array.bytes) / static_cast<double>(flow->particles()), array.name,
+                        array.unit, array.components > 1 ? fmt::format(" x {}", array.components) : "");
+    listed -= array.bytes;
+  }
+  text += fmt::format("                 {:>6.1f}  list of neighbours\n",
+                      static_cast<double>(listed) / static_cast<double>(flow->particles()));
+  const PassList list = flow->passes();
+  for (const std::string& pass : list.passes) text += fmt::format("  each step      {}\n", pass);
+  for (const std::string& part : list.left_out) text += fmt::format("  left out       {}\n", part);
   return text;
 }
 

@@ -15,7 +15,7 @@ struct FlowOptions {
   bool force = false;            ///< overwrite the results of an earlier run
   bool reuse = false;            ///< take the summary of an earlier run of the same configuration
   bool quiet = false;
-  int threads = 0;       ///< 0: as many as the size of the flow is worth
+  int threads = 0;  ///< 0: as many as the size of the flow is worth
 };
 
 /// Runs the flow of `file` with `law`; writes summary.json, frames/*.h5, frames/*.vtp, frames.pvd and

@@ -1,5 +1,5 @@
-// The solver: Algorithm 1 (given) over one composition of parts. Passes over pairs call the terms of
-// terms.hpp.
+// The solver: Algorithm 1 (given) over the parts of a composition. Its passes are in passes.hpp and
+// constitutive.hpp; which variants of them run is decided when the solver is made.
 //
 // One step, with the half-step velocity v' = v + a dt/2 (Eq. 5.27):
 //   x <- x + v' dt (5.25) | density, pressure, stress at the new x with v' | a (5.20) | v <- v' + a dt/2
@@ -15,77 +15,59 @@
 
 #include "sph/base/errors.hpp"
 #include "sph/base/hdf5_file.hpp"
+#include "sph/constitutive.hpp"
 #include "sph/flow.hpp"
-#include "sph/kernel.hpp"
-#include "sph/parts.hpp"
-#include "sph/terms.hpp"
+#include "sph/passes.hpp"
 
 namespace dem2sph {
 
-template <class C>
+template <int Dim>
 class Solver final : public Flow {
  public:
-  static constexpr int dim = C::dim;
-  using V = Vec<dim>;
-  using S = Sym<dim>;
+  using V = Vec<Dim>;
+  using S = Sym<Dim>;
 
-  explicit Solver(FlowSetup<dim> setup)
-      : setup_(std::move(setup)), kernel_(setup_.numerics.h), particles_(std::move(setup_.particles)) {
-    dilation_.resize(particles_.size, setup_.initial_phi);
-    dissipated_.assign(particles_.size, 0.0);
-    if constexpr (C::Density::summed)
-      shepard_.resize(particles_.size);
-    else
-      next_rho_.resize(particles_.size);
-    if constexpr (C::Damping::limited) limiter_.assign(particles_.size, 1.0);
-    boundary_rho0_.assign(particles_.size - particles_.interior, setup_.eos.rho0);
+  explicit Solver(FlowSetup<Dim> setup)
+      : setup_(std::move(setup)),
+        parts_(setup_.parts),
+        kernel_(make_kernel<Dim>(parts_.kernel, setup_.h)),
+        q_(std::move(setup_.particles)) {
+    allocate();
+    for (const Wall<Dim>& wall : setup_.walls) {
+      wall_forces_.basal = wall_forces_.basal || !std::isnan(wall.basal_friction);
+      wall_forces_.smooth = wall_forces_.smooth || !wall.rough;
+      wall_forces_.moving = wall_forces_.moving || wall.moves();
+    }
+    wall_forces_.sliders = wall_forces_.basal && !own_wall_state();
     sort_particles();
     build_list();
-    if constexpr (C::Density::summed) {
-      sum_density();
-      for (std::size_t w = particles_.interior; w < particles_.size; ++w)
-        boundary_rho0_[w - particles_.interior] = setup_.numerics.boundary_density_factor * particles_.rho[w];
-      update_pressure();
-    }
-    if constexpr (C::Walls::extrapolated) {
-      update_wall_velocity();
-      update_wall_stress();
-    } else {
-      set_wall_velocity();
-    }
-    if constexpr (!C::Stress::elastic) update_direct_stress(0);
-    update_acceleration();
+    prepare_boundary();
+    evaluate(0);
     choose_step();
   }
 
   StepInfo step(double largest_dt) override {
     const double dt = std::min(next_.dt, largest_dt);
     // Written so that a NaN fails closed.
-    if (!(dt > 1e-12 * setup_.numerics.h / sound_speed_))
+    if (!(dt > 1e-12 * setup_.h / sound_speed_))
       throw NumericalError(
           fmt::format("step {}: the time step has collapsed to {:g} s (bound: {}); use a smaller "
                       "flow.mach or a finer resolution",
                       steps_, dt, bound_names[static_cast<std::size_t>(next_.bound)]));
     const StepInfo taken = next_;
-    dt_ = dt;
     kick_and_drift(dt);
+    if (wall_forces_.moving) move_walls(dt);
+    check_particles();
     if (list_is_stale()) {
-      check_particles();
       wrap_positions();
       sort_particles();
       build_list();
     }
-    if constexpr (C::Density::summed) {
-      sum_density();
-      update_pressure();
-      update_direct_stress(dt);
-    } else {
-      update_wall_velocity();
-      update_state(dt);
-      update_wall_stress();
-    }
-    update_acceleration();
+    if (shifting()) shift(dt);
+    evaluate(dt);
     kick(dt);
+    if (const Xsph* averaging = std::get_if<Xsph>(&parts_.averaging))
+      with_kernel([&](const auto& kernel) { averaging_pass(q_, around(), kernel, averaging->epsilon); });
     time_ += dt;
     ++steps_;
     choose_step();
@@ -94,108 +76,204 @@ class Solver final : public Flow {
 
   double time() const override { return time_; }
   long steps() const override { return steps_; }
-  std::size_t interior() const override { return particles_.interior; }
-  std::size_t particles() const override { return particles_.size; }
+  std::size_t interior() const override { return q_.interior; }
+  std::size_t particles() const override { return q_.size; }
   std::size_t pairs() const override { return list_.pairs(); }
   std::size_t bytes() const override {
     std::size_t total = list_.bytes();
-    const_cast<Solver*>(this)->arrays([&](const char*, const char*, std::vector<double>& values) {
-      total += values.capacity() * sizeof(double);
-    });
-    total += (particles_.id.capacity() + particles_.plane.capacity()) * sizeof(std::int64_t);
+    for (const ArrayInUse& array : arrays_in_use()) total += array.bytes;
     return total;
   }
+  std::vector<ArrayInUse> arrays_in_use() const override {
+    std::vector<ArrayInUse> result;
+    const auto add = [&](const char* name, const char* unit, std::size_t bytes) {
+      if (bytes == 0) return;
+      if (result.empty() || result.back().name != name) result.push_back({name, unit, 0, 0});
+      ++result.back().components;
+      result.back().bytes += bytes;
+    };
+    const_cast<Solver*>(this)->arrays([&](const char* name, const char* unit, Column& values) {
+      add(name, unit, values.capacity() * sizeof(double));
+    });
+    add("id", "1", q_.id.capacity() * sizeof(std::int64_t));
+    add("wall", "1", q_.wall.capacity() * sizeof(std::int64_t));
+    return result;
+  }
+
   std::vector<std::string> composition() const override {
-    return {setup_.formulation,
-            C::Kernel::name,
-            C::Density::name,
-            C::Walls::name,
-            C::Stress::name,
-            std::string("dilation ") + C::Dilation::name,
-            std::string("damping ") + C::Damping::name};
+    std::vector<std::string> words{
+        setup_.formulation,
+        parts_.kernel,
+        name_of(parts_.density),
+        name_of(parts_.walls),
+        name_of(parts_.stress),
+        "friction " + friction_name(),
+        "dilation " + name_of(parts_.dilation) + (parts_.swelling ? ", swelling" : ""),
+        "damping " + name_of(parts_.damping)};
+    if (corrected()) words.push_back("correction " + name_of(parts_.correction));
+    if (!std::holds_alternative<NoAveraging>(parts_.averaging))
+      words.push_back("averaging " + name_of(parts_.averaging));
+    if (shifting()) words.push_back("shifting " + name_of(parts_.shifting));
+    return words;
+  }
+
+  PassList passes() const override {
+    PassList list;
+    const auto pass = [&](const std::string& what) { list.passes.push_back(what); };
+    const auto out = [&](const std::string& what) { list.left_out.push_back(what); };
+    const bool summed = std::visit([]<class D>(const D&) { return is_summed<D>; }, parts_.density);
+    const bool own = own_wall_state();
+    if (!own) pass("wall velocity: wall particles over the material, W");
+    if (corrected() || shifting())
+      pass("first moment of grad W: material over all, 4 terms a pair in 2D, 9 in 3D");
+    else
+      out("first moment of grad W: a pass over pairs (gradient correction, shifting)");
+    if (summed) {
+      pass("density sum, Eq. 5.17: all over all, W");
+      if (std::holds_alternative<SummationShepard>(parts_.density))
+        pass("Shepard filter, Eq. 5.18: all over all, W");
+      else
+        out("Shepard filter, Eq. 5.18: a pass over pairs, rho_tilde");
+      out("rate of density: rho_rate, two terms a pair");
+    } else {
+      out("density sums, Eqs. 5.17 and 5.18: two passes over pairs" +
+          std::string(own ? "" : ", wall-wall pairs"));
+    }
+    pass(fmt::format("velocity gradient, Eq. 5.21{}: {} over all", summed ? "" : ", and d(rho)/dt",
+                     own ? "all" : "material"));
+    pass(fmt::format("pressure and stress ({}{}): particle by particle", name_of(parts_.stress),
+                     std::visit([]<class D>(const D&) { return has_dilation_state<D>; }, parts_.dilation)
+                         ? ", Newton with dilation"
+                         : ""));
+    const bool extrapolates =
+        std::visit([]<class W>(const W&) { return W::extrapolates_stress; }, parts_.walls);
+    if (extrapolates) pass("wall stress: wall particles over the material, W");
+    pass("momentum, Eq. 5.20: material over all" +
+         (std::holds_alternative<NoDamping>(parts_.damping) ? std::string() : ", with damping"));
+    if (std::holds_alternative<NoDilation>(parts_.dilation))
+      out("dilation: beta, its state and I, the Newton of the return");
+    if (std::holds_alternative<NoDamping>(parts_.damping)) out("damping: about 12 flops a pair");
+    if (!std::holds_alternative<BalsaraDamping>(parts_.damping))
+      out("limiter of the damping: 8 bytes a particle");
+    if (std::holds_alternative<NoAveraging>(parts_.averaging))
+      out("velocity averaging: a pass over pairs");
+    else
+      pass("velocity averaging (XSPH): material over material, W");
+    if (shifting())
+      pass("shifting (Sun et al. 2017): material over all");
+    else
+      out("shifting: two passes over pairs, lambda");
+    if (std::holds_alternative<DirectStress>(parts_.stress))
+      out("elastic predictor, its rotation and the return");
+    else
+      out("g_min and the viscous bound of 5.28: the return is implicit");
+    if (!parts_.swelling) out("swelling: rho0 of each particle");
+    if (!wall_forces_.basal) out("basal friction: mu_b in wall pairs");
+    if (!wall_forces_.moving) out("moving walls: their motion and their work");
+    return list;
   }
 
   Budgets budgets() const override {
-    const Particles<dim>& q = particles_;
     Budgets b;
     b.potential = wrapped_potential_;
-    const double G = shear_modulus();
-    for (std::size_t i = 0; i < q.interior; ++i) {
-      const V v = q.velocity(i);
-      const V a = q.acceleration(i);
+    b.sheared = sheared_;
+    b.damped = damped_;
+    b.cut_off = cut_off_;
+    b.slid = slid_;
+    b.dissipated = sheared_ + damped_ + cut_off_ + slid_;
+    b.diffused = diffused_;
+    b.from_walls = from_walls_;
+    const ElasticReturn* elastic = std::get_if<ElasticReturn>(&parts_.stress);
+    for (std::size_t i = 0; i < q_.interior; ++i) {
+      const V v = q_.velocity(i);
+      const V a = q_.acceleration(i);
       const double speed2 = dot(v, v);
-      b.mass += q.m[i];
-      b.kinetic += 0.5 * q.m[i] * speed2;
-      b.potential -= q.m[i] * dot(setup_.gravity, q.position(i));
-      b.elastic += q.m[i] * setup_.eos.energy(q.rho[i]);
-      if (C::Stress::elastic) b.elastic += q.m[i] / q.rho[i] * q.deviator(i).square() / (4 * G);
-      b.dissipated += dissipated_[i];
+      b.mass += q_.m[i];
+      b.kinetic += 0.5 * q_.m[i] * speed2;
+      b.potential -= q_.m[i] * dot(setup_.gravity, q_.position(i));
+      b.elastic += q_.m[i] * setup_.eos.energy(q_.rho[i], q_.rho0.empty() ? setup_.eos.rho0 : q_.rho0[i]);
+      if (elastic) b.elastic += q_.m[i] / q_.rho[i] * q_.deviator(i).square() / (4 * elastic->G);
       b.largest_speed = std::max(b.largest_speed, std::sqrt(speed2));
-      for (std::size_t k = 0; k < dim; ++k) {
-        b.momentum[k] += q.m[i] * v.c[k];
-        b.wall_force[k] += q.m[i] * (a.c[k] - setup_.gravity.c[k]);
+      b.mean_speed += q_.m[i] * std::sqrt(speed2);
+      for (std::size_t k = 0; k < Dim; ++k) {
+        b.momentum[k] += q_.m[i] * v.c[k];
+        b.wall_force[k] += q_.m[i] * (a.c[k] - setup_.gravity.c[k]);
       }
-      if (!(q.p[i] > 0 && q.gamma_dot[i] > 0)) continue;
-      const Material& material = setup_.material;
-      const double I = inertial_number(q.gamma_dot[i], q.p[i], material.grains.d, material.grains.rho_s);
-      b.flowing += q.m[i];
+      if (!(q_.p[i] > 0 && q_.gamma_dot[i] > 0)) continue;
+      const double I = inertial_number(q_.gamma_dot[i], q_.p[i], setup_.grains.d, setup_.grains.rho_s);
+      b.flowing += q_.m[i];
       const bool known = setup_.law_range.highest > 0;  // a law given by hand states no range
-      if (known && !(I >= setup_.law_range.lowest && I <= setup_.law_range.highest)) b.outside_data += q.m[i];
-      if constexpr (C::Dilation::on) {
-        const double beta = dilation_.beta[i];
-        const DilationLaw& law = material.dilation;
-        if (beta <= law.limits.lowest || beta >= law.limits.highest) b.beta_limited += q.m[i];
-        if (law.phi_eq(I) <= law.phi_eq.phi_min) b.phi_at_floor += q.m[i];
-      }
+      if (known && !(I >= setup_.law_range.lowest && I <= setup_.law_range.highest))
+        b.outside_data += q_.m[i];
+      if (std::visit([&](const auto& law) { return !(well_posedness(law, I, q_.gamma_dot[i]) <= 0); },
+                     parts_.friction))
+        b.ill_posed += q_.m[i];
+      std::visit(
+          [&]<class D>(const D& dilation) {
+            if constexpr (std::is_same_v<D, DilationFromField>) {
+              if (q_.beta[i] <= dilation.limits.lowest || q_.beta[i] >= dilation.limits.highest)
+                b.beta_limited += q_.m[i];
+            } else if constexpr (has_dilation_state<D>) {
+              if (q_.beta[i] <= dilation.law.limits.lowest || q_.beta[i] >= dilation.law.limits.highest)
+                b.beta_limited += q_.m[i];
+              if (dilation.law.phi_eq(I) <= dilation.law.phi_eq.phi_min) b.phi_at_floor += q_.m[i];
+            }
+          },
+          parts_.dilation);
     }
+    b.mean_speed /= b.mass;
     return b;
   }
 
   Frame frame() const override {
-    const Particles<dim>& q = particles_;
     Frame f;
     f.time = time_;
     f.step = steps_;
-    f.dimension = dim;
+    f.dimension = Dim;
     const auto field = [&](const char* name, const char* unit, std::size_t components, auto&& value) {
       FrameField column{name, unit, components, {}};
-      column.values.reserve(q.size * components);
-      for (std::size_t i = 0; i < q.size; ++i) value(i, column.values);
+      column.values.reserve(q_.size * components);
+      for (std::size_t i = 0; i < q_.size; ++i) value(i, column.values);
       f.fields.push_back(std::move(column));
     };
-    const auto vector = [](const std::array<std::vector<double>, dim>& source) {
+    const auto vector = [](const auto& source) {
       return [&source](std::size_t i, std::vector<double>& out) {
         for (std::size_t k = 0; k < 3; ++k)
-          out.push_back(k < dim ? source[std::min<std::size_t>(k, dim - 1)][i] : 0.0);
+          out.push_back(k < Dim ? source[std::min<std::size_t>(k, Dim - 1)][i] : 0.0);
       };
     };
-    field("x", "m", 3, vector(q.x));
-    field("v", "m/s", 3, vector(q.v));
-    field("rho", "kg/m^3", 1, [&](std::size_t i, auto& out) { out.push_back(q.rho[i]); });
-    field("p", "Pa", 1, [&](std::size_t i, auto& out) { out.push_back(q.p[i]); });
+    const auto scalar = [](const Column& source) {
+      // Walls have no value where only the material carries the array.
+      return [&source](std::size_t i, std::vector<double>& out) {
+        out.push_back(i < source.size() ? source[i] : 0.0);
+      };
+    };
+    field("x", "m", 3, vector(q_.x));
+    field("v", "m/s", 3, vector(q_.v));
+    field("rho", "kg/m^3", 1, scalar(q_.rho));
+    field("p", "Pa", 1, scalar(q_.p));
     field("stress", "Pa", 6, [&](std::size_t i, auto& out) {  // xx yy zz xy xz yz, tension positive
-      const S s = q.deviator(i);
-      for (int k = 0; k < 6; ++k) out.push_back(k < 3 ? s[k] - q.p[i] : k < S::size ? s[k] : 0.0);
+      const S s = q_.deviator(i);
+      for (int k = 0; k < 6; ++k) out.push_back(k < 3 ? s[k] - q_.p[i] : k < S::size ? s[k] : 0.0);
     });
-    field("gamma_dot", "1/s", 1, [&](std::size_t i, auto& out) { out.push_back(q.gamma_dot[i]); });
+    field("gamma_dot", "1/s", 1, scalar(q_.gamma_dot));
     field("mu", "1", 1, [&](std::size_t i, auto& out) {
-      out.push_back(q.p[i] > 0 ? equivalent_stress(q.deviator(i)) / q.p[i] : 0.0);
+      out.push_back(q_.p[i] > 0 ? equivalent_stress(q_.deviator(i)) / q_.p[i] : 0.0);
     });
-    if constexpr (C::Dilation::on) {
-      field("phi", "1", 1, [&](std::size_t i, auto& out) { out.push_back(dilation_.phi[i]); });
-      field("beta", "1", 1, [&](std::size_t i, auto& out) { out.push_back(dilation_.beta[i]); });
-    }
-    field("id", "1", 1, [&](std::size_t i, auto& out) { out.push_back(static_cast<double>(q.id[i])); });
-    field("kind", "1", 1, [&](std::size_t i, auto& out) { out.push_back(i < q.interior ? 0.0 : 1.0); });
+    if (std::holds_alternative<DilationEvolves>(parts_.dilation))
+      field("phi", "1", 1, scalar(q_.dilation_state));
+    if (!q_.beta.empty()) field("beta", "1", 1, scalar(q_.beta));
+    field("id", "1", 1, [&](std::size_t i, auto& out) { out.push_back(static_cast<double>(q_.id[i])); });
+    field("kind", "1", 1, [&](std::size_t i, auto& out) { out.push_back(i < q_.interior ? 0.0 : 1.0); });
     return f;
   }
 
   void deposit(std::vector<std::array<double, 3>>& positions, std::vector<double>& volumes) const override {
-    positions.assign(particles_.interior, {0, 0, 0});
-    volumes.resize(particles_.interior);
-    for (std::size_t i = 0; i < particles_.interior; ++i) {
-      for (std::size_t k = 0; k < dim; ++k) positions[i][k] = particles_.x[k][i];
-      volumes[i] = particles_.m[i] / setup_.eos.rho0;
+    positions.assign(q_.interior, {0, 0, 0});
+    volumes.resize(q_.interior);
+    for (std::size_t i = 0; i < q_.interior; ++i) {
+      for (std::size_t k = 0; k < Dim; ++k) positions[i][k] = q_.x[k][i];
+      volumes[i] = q_.m[i] / setup_.eos.rho0;
     }
   }
 
@@ -203,105 +281,268 @@ class Solver final : public Flow {
             const std::string& note) const override {
     Hdf5Writer file(path);
     file.attribute("/", "format", std::string("dem2sph-checkpoint"));
-    file.attribute("/", "schema_version", std::int64_t{1});
+    file.attribute("/", "schema_version", std::int64_t{2});
     file.attribute("/", "key", key);
     file.attribute("/", "note", note);
-    file.attribute("/", "time", time_);
     file.attribute("/", "steps", std::int64_t{steps_});
-    file.attribute("/", "wrapped_potential", wrapped_potential_);
-    const_cast<Solver*>(this)->arrays(
-        [&, k = 0](const char* name, const char* unit, std::vector<double>& values) mutable {
-          file.write(fmt::format("state/{:03}_{}", k++, name), values, unit);
-        });
-    file.write("id", particles_.id, "1");
-    file.write("plane", particles_.plane, "1");
+    const_cast<Solver*>(this)->scalars(
+        [&](const char* name, double& value) { file.attribute("/", name, value); });
+    const_cast<Solver*>(this)->arrays([&, k = 0](const char* name, const char* unit, Column& values) mutable {
+      if (!values.empty()) file.write(fmt::format("state/{:03}_{}", k, name), values, unit);
+      ++k;
+    });
+    file.write("id", q_.id, "1");
+    file.write("wall", q_.wall, "1");
     file.commit();
   }
 
   std::string load(const std::filesystem::path& path, const std::string& key) override {
-    const Hdf5Reader file(path, "dem2sph-checkpoint", 1);
+    const Hdf5Reader file(path, "dem2sph-checkpoint", 2);
     if (file.text_attribute("/", "key") != key)
       throw InputError(fmt::format(
           "{}: is a checkpoint of another case, law or version; use --force to start anew", path.string()));
-    time_ = file.number_attribute("/", "time");
     steps_ = file.integer_attribute("/", "steps");
-    wrapped_potential_ = file.number_attribute("/", "wrapped_potential");
-    arrays([&, k = 0](const char* name, const char* unit, std::vector<double>& values) mutable {
+    scalars([&](const char* name, double& value) { value = file.number_attribute("/", name); });
+    arrays([&, k = 0](const char* name, const char* unit, Column& values) mutable {
       const std::string dataset = fmt::format("state/{:03}_{}", k++, name);
-      std::vector<double> read = file.doubles(dataset, unit);
+      if (values.empty()) return;
+      Column read = file.doubles(dataset, unit);
       if (read.size() != values.size())
         throw InputError(
             fmt::format("{}: \"{}\" has another length than this case needs", path.string(), dataset));
       values = std::move(read);
     });
-    particles_.id = file.integers("id", "1");
-    particles_.plane = file.integers("plane", "1");
+    q_.id = file.integers("id", "1");
+    q_.wall = file.integers("wall", "1");
     // The list is that of the positions at its last build, so the next step sees the same pairs in the same
     // order.
-    std::swap(particles_.x, listed_x_);
-    list_.build(particles_, setup_.period, reach(), wanted());
-    std::swap(particles_.x, listed_x_);
+    std::swap(q_.x, listed_x_);
+    list_.build(q_, setup_.period, reach(), wanted());
+    std::swap(q_.x, listed_x_);
     choose_step();
     return file.text_attribute("/", "note");
   }
 
  private:
-  // ---- pairs
-  // ------------------------------------------------------------------------------------------------------
-  Pair<dim> pair(const V& x_a, std::size_t b) const {
-    Pair<dim> q;
-    q.r = setup_.period.shortest(x_a - particles_.position(b));
-    q.distance = norm(q.r);
-    const KernelValue k = kernel_(q.distance);
-    q.w = k.w;
-    q.f = k.f;
-    q.grad_w = k.f * q.r;
-    return q;
+  // ---- composition
+  bool own_wall_state() const {
+    return std::visit([]<class W>(const W&) { return has_own_state<W>; }, parts_.walls);
   }
-  /// Only the kernel's value: density and extrapolation need no gradient.
-  double weight(const V& x_a, std::size_t b) const {
-    return kernel_(norm(setup_.period.shortest(x_a - particles_.position(b)))).w;
+  bool corrected() const { return !std::holds_alternative<NoCorrection>(parts_.correction); }
+  bool shifting() const { return !std::holds_alternative<NoShifting>(parts_.shifting); }
+  std::string friction_name() const {
+    return std::visit([](const auto& law) { return std::string(law.name); }, parts_.friction);
   }
-  const Plane<dim>& plane_of(std::size_t w) const {
-    return setup_.planes[static_cast<std::size_t>(particles_.plane[w])];
+  Surroundings<Dim> around() const { return {list_, setup_.period, setup_.walls}; }
+  double reference_sound_speed() const { return std::sqrt(setup_.eos.K / setup_.eos.rho0); }
+  template <class F>
+  decltype(auto) with_kernel(F&& f) const {
+    return std::visit(std::forward<F>(f), kernel_);
   }
-  static std::size_t index(std::int32_t b) { return static_cast<std::size_t>(b); }
-  double shear_modulus() const { return setup_.numerics.G_over_K * setup_.eos.K; }
+
+  /// The arrays of the parts that are on.
+  void allocate() {
+    const bool own = own_wall_state();
+    const std::size_t stressed = own ? q_.size : q_.interior;
+    for (Column& c : q_.l) c.assign(stressed, 0.0);
+    std::visit(
+        [&]<class D>(const D&) {
+          if constexpr (std::is_same_v<D, SummationShepard>) q_.rho_tilde.assign(q_.size, 0.0);
+          if constexpr (!is_summed<D>) q_.rho_rate.assign(stressed, 0.0);
+        },
+        parts_.density);
+    if (own || parts_.swelling) q_.rho0.assign(q_.size, setup_.eos.rho0);
+    std::visit(
+        [&]<class D>(const D& dilation) {
+          if constexpr (!std::is_same_v<D, NoDilation>) q_.beta.assign(q_.interior, 0.0);
+          if constexpr (has_dilation_state<D>) {
+            const DilationState start = dilation.law.start(setup_.initial_phi);
+            q_.dilation_state.assign(q_.interior, start.value);
+            q_.dilation_I.assign(q_.interior, start.I);
+          }
+        },
+        parts_.dilation);
+    if (std::holds_alternative<BalsaraDamping>(parts_.damping)) q_.limiter.assign(q_.interior, 1.0);
+    if (!std::holds_alternative<NoAveraging>(parts_.averaging))
+      for (Column& c : q_.averaged) c.assign(q_.interior, 0.0);
+    if (corrected())
+      for (Column& c : q_.correction) c.assign(q_.interior, 0.0);
+    if (shifting()) q_.lambda.assign(q_.interior, 1.0);
+  }
+
+  /// Boundary particles keep the density that the rule of the source gives them: rho0 3 % below their initial
+  /// one.
+  void prepare_boundary() {
+    const auto prepare = [&]<class W>(const W& walls) {
+      if constexpr (has_own_state<W>) {
+        sum_density();
+        for (std::size_t w = q_.interior; w < q_.size; ++w) q_.rho0[w] = walls.density_factor * q_.rho[w];
+      }
+    };
+    std::visit(prepare, parts_.walls);
+    if (own_wall_state()) set_wall_velocity();
+  }
+
+  // ---- one evaluation of the equations
+  void evaluate(double dt) {
+    const double c0 = reference_sound_speed();
+    const double hydrostatic_slope = setup_.eos.rho0 * setup_.gravity[Dim - 1] / (c0 * c0);
+    sum_density();
+    if (!own_wall_state())
+      with_kernel([&](const auto& kernel) { wall_velocity_pass(q_, around(), kernel); });
+    else if (wall_forces_.moving)
+      set_wall_velocity();
+    if (corrected()) with_kernel([&](const auto& kernel) { moment_pass(q_, around(), kernel); });
+    std::visit(
+        [&]<class K, class D, class W, class C>(const K& kernel, const D& density, const W& walls,
+                                                const C& correction) {
+          // Sums need no rate, whichever they are; boundary particles show the same velocity, whatever their
+          // stress.
+          const auto rate = [&] {
+            if constexpr (is_summed<D>)
+              return Summation{};
+            else
+              return density;
+          }();
+          const auto seen = [&] {
+            if constexpr (has_own_state<W>)
+              return BoundaryParticles{walls.B_max, walls.density_factor};
+            else
+              return walls;
+          }();
+          gradient_pass(q_, around(), kernel, rate, seen, correction, hydrostatic_slope, c0);
+        },
+        kernel_, parts_.density, parts_.walls, parts_.correction);
+    if (!q_.limiter.empty()) limit_damping(c0);
+    update_state(dt);
+    std::visit(
+        [&]<class K, class W, class T>(const K& kernel, const W& walls, const T& stress) {
+          if constexpr (W::extrapolates_stress)
+            wall_stress_pass(q_, around(), kernel, walls, stress, setup_.eos, setup_.gravity, setup_.cohesion,
+                             dt);
+        },
+        kernel_, parts_.walls, parts_.stress);
+    const MomentumSums power = std::visit(
+        [&](const auto& kernel, const auto& damping, const auto& correction, const auto& stress) {
+          return momentum_pass(q_, around(), kernel, damping, correction, stress, setup_.gravity, c0,
+                               setup_.cohesion, wall_forces_);
+        },
+        kernel_, parts_.damping, parts_.correction, parts_.stress);
+    damped_ += dt * power.damping;
+    from_walls_ += dt * power.walls;
+    slid_ += dt * power.sliding;
+  }
+
+  void sum_density() {
+    const std::size_t count = own_wall_state() ? q_.size : q_.interior;
+    std::visit(
+        [&]<class K, class D>(const K& kernel, const D&) {
+          if constexpr (std::is_same_v<D, Summation>) density_pass(q_, count, around(), kernel, q_.rho);
+          if constexpr (std::is_same_v<D, SummationShepard>) {
+            density_pass(q_, q_.size, around(), kernel, q_.rho_tilde);
+            shepard_pass(q_, count, around(), kernel);
+          }
+        },
+        kernel_, parts_.density);
+  }
+
+  /// Balsara's limiter where material flows; none where the last return left it elastic, since there is no
+  /// flow to slow down and its ringing should die away.
+  void limit_damping(double c0) {
+    const bool elastic = std::holds_alternative<ElasticReturn>(parts_.stress);
+    for_particles(0, q_.interior, [&](std::size_t a) {
+      const Gradient<Dim> l = Particles<Dim>::load(q_.l, a);
+      const double compression = std::abs(l.trace());
+      const double shear = shear_rate(deviator(strain_rate(l)));
+      const bool stands = elastic && q_.gamma_dot[a] == 0;
+      q_.limiter[a] = stands ? 1 : compression / (compression + shear + 1e-4 * c0 / setup_.h);
+    });
+  }
+
+  void update_state(double dt) {
+    const StateInput in{dt, setup_.grains, setup_.cohesion, parts_.swelling ? setup_.grains.rho_s : 0.0};
+    const StateSums sums = std::visit(
+        [&](const auto& stress, const auto& law, const auto& dilation) {
+          return state_pass(q_, 0, q_.interior, setup_.eos, stress, law, dilation, in);
+        },
+        parts_.stress, parts_.friction, parts_.dilation);
+    sheared_ += sums.sheared;
+    diffused_ += sums.diffused;
+    cut_off_ += sums.cut_off;
+    if (!own_wall_state()) return;
+    // Boundary particles have the material's law, or their basal friction in its place (Eq. 5.7), and no
+    // dilation.
+    const StateInput of_walls{dt, setup_.grains, setup_.cohesion, 0.0};
+    std::visit(
+        [&](const auto& stress, const auto& law) {
+          for (std::size_t w = q_.interior; w < q_.size;) {
+            std::size_t end = w;  // a run of particles of one wall
+            while (end < q_.size && q_.wall[end] == q_.wall[w]) ++end;
+            const double mu_b = setup_.walls[static_cast<std::size_t>(q_.wall[w])].basal_friction;
+            if (std::isnan(mu_b))
+              state_pass(q_, w, end, setup_.eos, stress, law, NoDilation{}, of_walls);
+            else
+              state_pass(q_, w, end, setup_.eos, stress, ConstantFriction<double>{mu_b}, NoDilation{},
+                         of_walls);
+            w = end;
+          }
+        },
+        parts_.stress, parts_.friction);
+  }
+
+  void set_wall_velocity() {
+    for_particles(q_.interior, q_.size, [&](std::size_t w) {
+      Particles<Dim>::store(q_.v, w, wall_of(q_, around(), w).velocity_at(q_.position(w)));
+    });
+  }
 
   // ---- lists and order
-  // --------------------------------------------------------------------------------------------
   template <class F>
   void arrays(F&& f) {
-    particles_.arrays(f);
-    dilation_.arrays(f);
-    f("dissipated", "J", dissipated_);
-    for (auto& c : listed_x_) f("listed_x", "m", c);
-    f("boundary_rho0", "kg/m^3", boundary_rho0_);
-    if constexpr (C::Damping::limited) f("limiter", "1", limiter_);
-    if constexpr (C::Density::summed)
-      f("shepard", "1", shepard_);
-    else
-      f("next_rho", "kg/m^3", next_rho_);
+    q_.arrays(f);
+    for (Column& c : listed_x_) f("listed_x", "m", c);
   }
-  double reach() const { return kernel_.support() * (1 + setup_.numerics.skin); }
-  static PairList::Wanted wanted() {
-    return {.wall_sees_interior = true, .wall_sees_wall = C::Density::summed};
+  /// Numbers beside the arrays that a checkpoint carries.
+  template <class F>
+  void scalars(F&& f) {
+    f("time", time_);
+    f("wrapped_potential", wrapped_potential_);
+    f("sheared", sheared_);
+    f("damped", damped_);
+    f("cut_off", cut_off_);
+    f("diffused", diffused_);
+    f("from_walls", from_walls_);
+    f("slid", slid_);
+    for (std::size_t k = 0; k < setup_.walls.size(); ++k)
+      for (int i = 0; i < Dim; ++i) {
+        f(fmt::format("wall_{}_point_{}", k, i).c_str(), setup_.walls[k].point[i]);
+        f(fmt::format("wall_{}_direction_{}", k, i).c_str(), setup_.walls[k].direction[i]);
+      }
+  }
+  double reach() const {
+    return with_kernel([](const auto& kernel) { return kernel.support(); }) * (1 + setup_.skin);
+  }
+  PairList::Wanted wanted() const {
+    return {.wall_sees_interior = true,
+            .wall_sees_wall = own_wall_state() || std::holds_alternative<SummationShepard>(parts_.density)};
   }
   void build_list() {
-    list_.build(particles_, setup_.period, reach(), wanted());
-    listed_x_ = particles_.x;
+    list_.build(q_, setup_.period, reach(), wanted());
+    listed_x_ = q_.x;
   }
+  double largest_shift() const { return 0.02 * setup_.dx; }
   /// True once two particles together may have moved by the skin.
   bool list_is_stale() const {
-    const double limit = 0.5 * setup_.numerics.skin * kernel_.support();
+    const double limit =
+        0.5 * (reach() * setup_.skin / (1 + setup_.skin)) - (shifting() ? largest_shift() : 0);
     const double limit2 = limit * limit;
     double largest = 0;
     bool broken = false;
 #pragma omp parallel for schedule(static) reduction(max : largest) reduction(|| : broken)
-    for (std::size_t i = 0; i < particles_.size; ++i) {
+    for (std::size_t i = 0; i < q_.size; ++i) {
       double moved = 0;
-      for (std::size_t k = 0; k < dim; ++k) {
-        const double step = particles_.x[k][i] - listed_x_[k][i];
+      for (std::size_t k = 0; k < Dim; ++k) {
+        const double step = q_.x[k][i] - listed_x_[k][i];
         moved += step * step;
       }
       largest = std::max(largest, moved);
@@ -311,413 +552,207 @@ class Solver final : public Flow {
     return largest > limit2;
   }
   void sort_particles() {
-    const std::vector<std::int32_t> order = spatial_order(particles_, 2 * setup_.numerics.dx);
+    const std::vector<std::int32_t> order = spatial_order(q_, 2 * setup_.dx);
+    // Interior particles come first in the order as in the arrays, so an array of interior ones takes its
+    // first part.
     const auto permute = [&](auto& values) {
-      if (values.size() != order.size()) return;
+      if (values.empty()) return;
       auto sorted = values;
-      for (std::size_t i = 0; i < order.size(); ++i) sorted[i] = values[index(order[i])];
+      for (std::size_t i = 0; i < values.size(); ++i) sorted[i] = values[index(order[i])];
       values = std::move(sorted);
     };
-    std::vector<double> walls(particles_.size, 0.0);  // boundary_rho0_ has one entry a wall particle only
-    std::copy(boundary_rho0_.begin(), boundary_rho0_.end(),
-              walls.begin() + static_cast<std::ptrdiff_t>(particles_.interior));
-    arrays([&](const char*, const char*, std::vector<double>& values) {
-      if (&values != &boundary_rho0_) permute(values);
-    });
-    permute(walls);
-    std::copy(walls.begin() + static_cast<std::ptrdiff_t>(particles_.interior), walls.end(),
-              boundary_rho0_.begin());
-    permute(particles_.id);
-    permute(particles_.plane);
+    arrays([&](const char*, const char*, Column& values) { permute(values); });
+    permute(q_.id);
+    permute(q_.wall);
   }
   void wrap_positions() {
-    for (int k = 0; k + 1 < dim; ++k) {
+    for (int k = 0; k < Dim; ++k) {
       const double length = setup_.period.length[k];
       if (!std::isfinite(length)) continue;
-      std::vector<double>& x = particles_.x[static_cast<std::size_t>(k)];
-      for (std::size_t i = 0; i < particles_.size; ++i) {
+      Column& x = q_.x[static_cast<std::size_t>(k)];
+      for (std::size_t i = 0; i < q_.size; ++i) {
         const double shift = length * std::floor(x[i] / length);
         x[i] -= shift;
         // What gravity has done along a periodic direction does not come back with the position.
-        if (i < particles_.interior) wrapped_potential_ -= particles_.m[i] * setup_.gravity[k] * shift;
+        if (i < q_.interior) wrapped_potential_ -= q_.m[i] * setup_.gravity[k] * shift;
       }
     }
   }
 
   // ---- guards
-  // -----------------------------------------------------------------------------------------------------
   [[noreturn]] void name_broken_particle() const {
-    for (std::size_t i = 0; i < particles_.size; ++i)
-      for (std::size_t k = 0; k < dim; ++k)
-        if (!std::isfinite(particles_.x[k][i]))
+    for (std::size_t i = 0; i < q_.size; ++i)
+      for (std::size_t k = 0; k < Dim; ++k)
+        if (!std::isfinite(q_.x[k][i]))
           throw NumericalError(
               fmt::format("step {}: the position of particle {} is no longer a finite number (its "
                           "velocity was integrated from an acceleration that was not); use a smaller "
                           "flow.step_factor",
-                          steps_, particles_.id[i]));
+                          steps_, q_.id[i]));
     throw NumericalError(fmt::format("step {}: a particle has left the range of numbers", steps_));
   }
   /// No particle passes a wall, ever: one whose centre lies behind a wall's surface ends the run.
   void check_particles() const {
-    for (std::size_t i = 0; i < particles_.interior; ++i) {
-      const V x = particles_.position(i);
-      for (const Plane<dim>& plane : setup_.planes)
-        if (!(plane.distance(x) >= 0))
-          throw NumericalError(
-              fmt::format("step {}: particle {} has passed a wall (its centre is {:g} dx behind it); use a "
-                          "larger sound speed "
-                          "(a smaller flow.mach) or a smaller flow.step_factor",
-                          steps_, particles_.id[i], -plane.distance(x) / setup_.numerics.dx));
+    std::size_t passed = 0;
+    std::size_t fallen = 0;
+#pragma omp parallel for schedule(static) reduction(+ : passed, fallen)
+    for (std::size_t i = 0; i < q_.interior; ++i) {
+      const V x = q_.position(i);
+      for (const Wall<Dim>& wall : setup_.walls)
+        if (!(wall.distance(x) >= 0)) ++passed;
+      if (setup_.floor_end > 0 && x[0] > setup_.floor_end) ++fallen;
+    }
+    if (passed == 0 && fallen == 0) return;
+    for (std::size_t i = 0; i < q_.interior; ++i) {
+      const V x = q_.position(i);
+      if (!std::isfinite(dot(x, x))) name_broken_particle();
+      for (const Wall<Dim>& wall : setup_.walls)
+        if (!(wall.distance(x) >= 0))
+          throw NumericalError(fmt::format(
+              "step {}: particle {} has passed the wall \"{}\" (its centre is {:g} dx behind it; {} in "
+              "all); use a larger sound speed (a smaller flow.mach) or a smaller flow.step_factor",
+              steps_, q_.id[i], wall.name, -wall.distance(x) / setup_.dx, passed));
       if (setup_.floor_end > 0 && x[0] > setup_.floor_end)
-        throw NumericalError(
-            fmt::format("step {}: particle {} has run over the end of the floor at x = {:g} m; use a "
-                        "larger column.floor_length",
-                        steps_, particles_.id[i], setup_.floor_end));
+        throw NumericalError(fmt::format(
+            "step {}: particle {} has run over the end of the floor at x = {:g} m ({} in all); use a "
+            "larger column.floor_length",
+            steps_, q_.id[i], setup_.floor_end, fallen));
     }
   }
 
   // ---- time
-  // -------------------------------------------------------------------------------------------------------
   void kick_and_drift(double dt) {
-#pragma omp parallel for schedule(static)
-    for (std::size_t i = 0; i < particles_.interior; ++i)
-      for (std::size_t k = 0; k < dim; ++k) {
-        particles_.v[k][i] += 0.5 * dt * particles_.a[k][i];
-        particles_.x[k][i] += dt * particles_.v[k][i];
-      }
+    const bool averaged = !q_.averaged[0].empty();
+    const auto lost = sum_over<1>(0, q_.interior, [&](std::size_t i, std::array<double, 1>& sum) {
+      for (std::size_t k = 0; k < Dim; ++k) q_.v[k][i] += 0.5 * dt * q_.a[k][i];
+      sum[0] += stop_at_walls(i);
+      for (std::size_t k = 0; k < Dim; ++k)
+        q_.x[k][i] += dt * (q_.v[k][i] + (averaged ? q_.averaged[k][i] : 0.0));
+    });
+    cut_off_ += lost[0];
+  }
+  /// What comes nearer to a wall than a quarter of a spacing touches it with grains, not with the pressure of
+  /// a continuum (material at rest keeps half a spacing): of its velocity into the wall a share is taken that
+  /// grows to 1 at the surface. Returns the energy that is lost [J].
+  double stop_at_walls(std::size_t i) {
+    const double reach = 0.25 * setup_.dx;
+    const V x = q_.position(i);
+    double lost = 0;
+    for (const Wall<Dim>& wall : setup_.walls) {
+      const double d = wall.distance(x);
+      if (!(d < reach)) continue;
+      const V n = wall.normal(x);
+      const V v = q_.velocity(i);
+      const double into = dot(v - wall.velocity_at(x), n);
+      if (!(into < 0)) continue;
+      const V kept = v - (into * (1 - d / reach)) * n;
+      lost += 0.5 * q_.m[i] * (dot(v, v) - dot(kept, kept));
+      Particles<Dim>::store(q_.v, i, kept);
+    }
+    return lost;
   }
   void kick(double dt) {
-#pragma omp parallel for schedule(static)
-    for (std::size_t i = 0; i < particles_.interior; ++i)
-      for (std::size_t k = 0; k < dim; ++k) particles_.v[k][i] += 0.5 * dt * particles_.a[k][i];
+    for_particles(0, q_.interior, [&](std::size_t i) {
+      for (std::size_t k = 0; k < Dim; ++k) q_.v[k][i] += 0.5 * dt * q_.a[k][i];
+    });
+  }
+  /// Wall particles move rigidly with their wall.
+  static V carried(const Wall<Dim>& wall, const V& x, double dt) {
+    const double angle = wall.omega * dt;
+    V r = x - wall.point;
+    if (angle != 0) {  // Rodrigues' formula; what lies along the axis stays
+      V along;
+      if constexpr (Dim == 3) along = dot(r, wall.direction) * wall.direction;
+      const V across = r - along;
+      r = along + std::cos(angle) * across + rotation_velocity(across, wall.direction, std::sin(angle));
+    }
+    return wall.point + dt * wall.velocity + r;
+  }
+  void move_walls(double dt) {
+    for_particles(q_.interior, q_.size, [&](std::size_t w) {
+      const Wall<Dim>& wall = wall_of(q_, around(), w);
+      if (wall.moves()) Particles<Dim>::store(q_.x, w, carried(wall, q_.position(w), dt));
+    });
+    for (Wall<Dim>& wall : setup_.walls) wall.move(dt);
+  }
+  void shift(double dt) {
+    std::array<Column, static_cast<std::size_t>(Dim)> shifts;
+    for (Column& c : shifts) c.resize(q_.interior);
+    with_kernel([&](const auto& kernel) {
+      moment_pass(q_, around(), kernel);
+      shifting_pass(q_, around(), kernel, setup_.dx, largest_speed_ * dt, largest_shift(), shifts);
+    });
+    for_particles(0, q_.interior, [&](std::size_t i) {
+      for (std::size_t k = 0; k < Dim; ++k) q_.x[k][i] += shifts[k][i];
+    });
   }
 
   /// Eq. 5.28 (given) from the state at the end of a step.
   void choose_step() {
-    const Particles<dim>& q = particles_;
-    const double h = kernel_.h();
-    const double G = C::Stress::elastic ? shear_modulus() : 0;
+    const double h = setup_.h;
+    const ElasticReturn* elastic = std::get_if<ElasticReturn>(&parts_.stress);
+    const DirectStress* direct = std::get_if<DirectStress>(&parts_.stress);
+    const double G = elastic ? elastic->G : 0;
+    const double mu_at_rest =
+        std::visit([](const auto& law) { return steady_friction(law, 0.0, 0.0); }, parts_.friction);
     double largest_c2 = 0;
     double largest_a2 = 0;
+    double largest_v2 = 0;
     double largest_viscosity = 0;  // eta/rho [m^2/s]
-#pragma omp parallel for schedule(static) reduction(max : largest_c2, largest_a2, largest_viscosity)
-    for (std::size_t i = 0; i < q.interior; ++i) {
+    std::size_t broken = 0;
+#pragma omp parallel for schedule(static) reduction(max : largest_c2, largest_a2, largest_v2, largest_viscosity) \
+    reduction(+ : broken)
+    for (std::size_t i = 0; i < q_.interior; ++i) {
       // The elastic part stiffens the longitudinal wave.
-      const double c2 = (setup_.eos.bulk_modulus(q.rho[i]) + 4.0 / 3 * G) / q.rho[i];
-      const V a = q.acceleration(i);
+      const double c2 = (setup_.eos.bulk_modulus(q_.rho[i]) + 4.0 / 3 * G) / q_.rho[i];
+      const V a = q_.acceleration(i);
+      const V v = q_.velocity(i);
       largest_c2 = std::max(largest_c2, c2);
       largest_a2 = std::max(largest_a2, dot(a, a));
-      if constexpr (!C::Stress::elastic) {
-        const double tau = equivalent_stress(q.deviator(i));
-        const double strength =
-            std::max(tau, setup_.material.friction.mu_l * q.p[i] + setup_.material.cohesion);
-        largest_viscosity = std::max(
-            largest_viscosity, strength / std::max(q.gamma_dot[i], setup_.numerics.gamma_dot_min) / q.rho[i]);
+      largest_v2 = std::max(largest_v2, dot(v, v));
+      if (direct) {
+        const double g = q_.gamma_dot[i];
+        const double eta = g > 0 ? equivalent_stress(q_.deviator(i)) / g
+                                 : (mu_at_rest * q_.p[i] + setup_.cohesion) / direct->gamma_dot_min;
+        largest_viscosity = std::max(largest_viscosity, eta / q_.rho[i]);
       }
+      // max passes over a NaN: it is looked for where it would come from.
+      if (!(q_.rho[i] > 0)) ++broken;
     }
+    if (broken > 0)
+      for (std::size_t i = 0; i < q_.interior; ++i)
+        if (!(q_.rho[i] > 0))
+          throw NumericalError(
+              fmt::format("step {}: the density of particle {} is {} ({} in all); use a smaller "
+                          "flow.step_factor or a larger sound speed",
+                          steps_, q_.id[i], q_.rho[i], broken));
     sound_speed_ = std::sqrt(largest_c2);
+    largest_speed_ = std::sqrt(largest_v2);
     const std::array<double, 3> bounds{
         0.25 * h / sound_speed_, 0.25 * std::sqrt(h / std::sqrt(std::max(largest_a2, 1e-300))),
         largest_viscosity > 0 ? 0.125 * h * h / largest_viscosity : std::numeric_limits<double>::infinity()};
     const auto least = std::min_element(bounds.begin(), bounds.end());
-    next_ = {setup_.numerics.step_factor * *least, static_cast<Bound>(least - bounds.begin())};
-    // min and max pass over a NaN: it is looked for where it would come from.
-    for (std::size_t i = 0; i < q.interior; ++i)
-      if (!(q.rho[i] > 0))
-        throw NumericalError(
-            fmt::format("step {}: the density of particle {} is {}", steps_, q.id[i], q.rho[i]));
+    next_ = {setup_.step_factor * *least, static_cast<Bound>(least - bounds.begin())};
   }
 
-  // ---- density and pressure
-  // ---------------------------------------------------------------------------------------
-  /// Eqs. 5.17 and 5.18 (given) over all particles, walls included.
-  void sum_density() {
-    Particles<dim>& q = particles_;
-    const double self = kernel_(0).w;
-#pragma omp parallel for schedule(static)
-    for (std::size_t a = 0; a < q.size; ++a) {
-      const V x = q.position(a);
-      double sum = q.m[a] * self;
-      for (const std::int32_t b : list_.all_of(a)) sum += q.m[index(b)] * weight(x, index(b));
-      shepard_[a] = sum;
-    }
-#pragma omp parallel for schedule(static)
-    for (std::size_t a = 0; a < q.size; ++a) {
-      const V x = q.position(a);
-      double sum = q.m[a] / shepard_[a] * self;
-      for (const std::int32_t b : list_.all_of(a))
-        sum += q.m[index(b)] / shepard_[index(b)] * weight(x, index(b));
-      q.rho[a] = shepard_[a] / sum;
-    }
-  }
-  void update_pressure() {
-    Particles<dim>& q = particles_;
-#pragma omp parallel for schedule(static)
-    for (std::size_t a = 0; a < q.size; ++a) {
-      EquationOfState eos = setup_.eos;
-      if (a >= q.interior) eos.rho0 = boundary_rho0_[a - q.interior];
-      q.p[a] = eos.pressure(q.rho[a]);
-    }
-  }
-
-  // ---- stress without elasticity (source)
-  // ---------------------------------------------------------------------------
-  void update_direct_stress(double dt) {
-    Particles<dim>& q = particles_;
-    const Material& material = setup_.material;
-#pragma omp parallel for schedule(static)
-    for (std::size_t a = 0; a < q.size; ++a) {
-      const V x = q.position(a);
-      const V v = q.velocity(a);
-      const bool wall = a >= q.interior;
-      Gradient<dim> l;
-      for (const std::int32_t i : list_.interior_of(a)) {
-        const std::size_t b = index(i);
-        const V difference = wall ? q.velocity(b) - seen_wall_velocity(a, b) : q.velocity(b) - v;
-        add_velocity_gradient(l, q.m[b] / q.rho[b], difference, pair(x, b));
-      }
-      for (const std::int32_t i : list_.walls_of(a)) {
-        const std::size_t b = index(i);
-        const V difference = wall ? q.velocity(b) - v : seen_wall_velocity(b, a) - v;
-        add_velocity_gradient(l, q.m[b] / q.rho[b], difference, pair(x, b));
-      }
-      S rate = deviator(strain_rate(l));
-      const double gamma_dot = shear_rate(rate);
-      q.gamma_dot[a] = gamma_dot;
-      if (q.p[a] > 0) {
-        double beta = 0;
-        const double I = inertial_number(gamma_dot, q.p[a], material.grains.d, material.grains.rho_s);
-        if constexpr (C::Dilation::on) {
-          if (!wall) {
-            const DilationLaw::State state = material.dilation.after(dilation_.phi[a], I, gamma_dot * dt);
-            dilation_.phi[a] = state.phi;
-            dilation_.beta[a] = beta = state.beta;
-          }
-        }
-        const double eta = direct_viscosity(std::max(friction(material.friction, I, beta), 0.0), q.p[a],
-                                            material.cohesion, gamma_dot, setup_.numerics.gamma_dot_min);
-        rate *= 2 * eta;
-        q.set_deviator(a, rate);
-        if (!wall) dissipated_[a] += dt * q.m[a] / q.rho[a] * eta * gamma_dot * gamma_dot;
-      } else {
-        q.set_deviator(a, S{});
-        if constexpr (C::Dilation::on) dilation_.beta[a] = 0;
-      }
-    }
-  }
-  V seen_wall_velocity(std::size_t wall, std::size_t interior_particle) const {
-    const Plane<dim>& plane = plane_of(wall);
-    const V own = boundary_velocity(particles_.velocity(interior_particle), plane.velocity,
-                                    plane.distance(particles_.position(interior_particle)),
-                                    -plane.distance(particles_.position(wall)), setup_.numerics.B_max);
-    if (plane.rough) return own;
-    // Frictionless: only the normal component is artificial.
-    const V v = particles_.velocity(interior_particle);
-    return v + dot(own - v, plane.normal) * plane.normal;
-  }
-  void set_wall_velocity() {
-    for (std::size_t w = particles_.interior; w < particles_.size; ++w)
-      Particles<dim>::store(particles_.v, w, plane_of(w).velocity);
-  }
-
-  // ---- continuity, elastic stress and return (robust)
-  // ---------------------------------------------------------------
-  void update_state(double dt) {
-    Particles<dim>& q = particles_;
-    const NumericalParameters& n = setup_.numerics;
-    const double c0 = std::sqrt(setup_.eos.K / setup_.eos.rho0);
-    const double hydrostatic_slope = setup_.eos.rho0 * setup_.gravity[dim - 1] / (c0 * c0);
-    const double diffusion = n.delta * n.h * c0;
-    const double G = shear_modulus();
-#pragma omp parallel for schedule(static)
-    for (std::size_t a = 0; a < q.interior; ++a) {
-      const V x = q.position(a);
-      const V v = q.velocity(a);
-      Gradient<dim> l;
-      double diffused = 0;
-      for (const std::int32_t i : list_.interior_of(a)) {
-        const std::size_t b = index(i);
-        const Pair<dim> ab = pair(x, b);
-        const double volume = q.m[b] / q.rho[b];
-        add_velocity_gradient(l, volume, q.velocity(b) - v, ab);
-        diffused += density_diffusion<dim>(q.rho[b] - q.rho[a], hydrostatic_slope, volume, ab);
-      }
-      for (const std::int32_t i : list_.walls_of(a)) {
-        const std::size_t b = index(i);
-        add_velocity_gradient(l, q.m[b] / q.rho[b], q.velocity(b) - v, pair(x, b));
-      }
-      if constexpr (C::Damping::limited) {
-        const double compression = std::abs(l.trace());
-        limiter_[a] = compression / (compression + shear_rate(deviator(strain_rate(l))) + 1e-4 * c0 / n.h);
-      }
-      next_rho_[a] = q.rho[a] + dt * (-q.rho[a] * l.trace() + diffusion * diffused);
-      q.p[a] = setup_.eos.pressure(next_rho_[a]);
-      return_to_yield(a, l, G, dt);
-    }
-    // Walls keep the density that their pressure gives them: update_wall_stress.
-    std::copy(next_rho_.begin(), next_rho_.begin() + static_cast<std::ptrdiff_t>(q.interior), q.rho.begin());
-  }
-
-  void return_to_yield(std::size_t a, const Gradient<dim>& l, double G, double dt) {
-    Particles<dim>& q = particles_;
-    const Material& material = setup_.material;
-    const double p = q.p[a];
-    const S rate = deviator(strain_rate(l));
-    if (!(p > 0)) {  // tension cut-off: separated grains carry no stress
-      q.set_deviator(a, S{});
-      q.gamma_dot[a] = shear_rate(rate);
-      if constexpr (C::Dilation::on) dilation_.beta[a] = 0;
-      return;
-    }
-    S s = rotate(q.deviator(a), l, dt);
-    for (int k = 0; k < S::size; ++k) s[k] += 2 * G * dt * rate[k];
-    const double trial = equivalent_stress(s);
-    Returned returned;
-    if constexpr (C::Dilation::on) {
-      const double to_I = material.grains.d / std::sqrt(p / material.grains.rho_s);
-      const double phi = dilation_.phi[a];
-      const auto strength = [&](double g) {
-        const double beta = material.dilation.after(phi, g * to_I, g * dt).beta;
-        return std::max(friction(material.friction, g * to_I, beta), 0.0) * p + material.cohesion;
-      };
-      returned = return_by_newton(trial, G * dt, strength);
-      const DilationLaw::State state =
-          material.dilation.after(phi, returned.gamma_dot * to_I, returned.gamma_dot * dt);
-      dilation_.phi[a] = state.phi;
-      dilation_.beta[a] = state.beta;
-    } else {
-      returned = return_rational(material.friction, material.grains, trial, p, G * dt, 0, material.cohesion);
-    }
-    if (returned.gamma_dot > 0) {
-      s *= returned.tau / trial;
-      dissipated_[a] += dt * q.m[a] / next_rho_[a] * returned.tau * returned.gamma_dot;
-    }
-    q.set_deviator(a, s);
-    q.gamma_dot[a] = returned.gamma_dot;
-  }
-
-  // ---- extrapolated walls (Adami, Hu, Adams 2012)
-  // -------------------------------------------------------------------
-  /// Velocity that makes the profile vanish, relative to the wall, at its surface; normal component only if
-  /// smooth.
-  void update_wall_velocity() {
-    Particles<dim>& q = particles_;
-#pragma omp parallel for schedule(static)
-    for (std::size_t w = q.interior; w < q.size; ++w) {
-      const Plane<dim>& plane = plane_of(w);
-      const V x = q.position(w);
-      V mean;
-      double sum = 0;
-      for (const std::int32_t i : list_.interior_of(w)) {
-        const double weight_i = weight(x, index(i));
-        mean += weight_i * q.velocity(index(i));
-        sum += weight_i;
-      }
-      V seen = plane.velocity;
-      if (sum > 0) {
-        mean *= 1 / sum;
-        const V relative = mean - plane.velocity;
-        seen =
-            plane.rough ? plane.velocity - relative : mean - 2 * dot(relative, plane.normal) * plane.normal;
-      }
-      Particles<dim>::store(q.v, w, seen);
-    }
-  }
-  /// Pressure with the weight between a wall particle and the material; the deviatoric stress keeps its ratio
-  /// to it.
-  void update_wall_stress() {
-    Particles<dim>& q = particles_;
-#pragma omp parallel for schedule(static)
-    for (std::size_t w = q.interior; w < q.size; ++w) {
-      const Plane<dim>& plane = plane_of(w);
-      const V x = q.position(w);
-      double sum = 0;
-      double p_sum = 0;
-      V moment;  // sum of rho (x_w - x_b) W
-      S s_sum;
-      for (const std::int32_t i : list_.interior_of(w)) {
-        const std::size_t b = index(i);
-        const V r = setup_.period.shortest(x - q.position(b));
-        const double weight_b = kernel_(norm(r)).w;
-        sum += weight_b;
-        p_sum += weight_b * q.p[b];
-        moment += (weight_b * q.rho[b]) * r;
-        S s = q.deviator(b);
-        s_sum += (s *= weight_b);
-      }
-      double p = 0;
-      S s;
-      if (sum > 0) {
-        // Only gravity normal to the wall is carried by it.
-        const double normal_weight = dot(setup_.gravity, plane.normal) * dot(moment, plane.normal);
-        p = std::max((p_sum + normal_weight) / sum, 0.0);
-        if (p_sum > 0) {
-          s = s_sum;
-          s *= p / p_sum;
-          if (!plane.rough) s = mirror(s, plane.normal);
-        }
-      }
-      q.p[w] = p;
-      q.rho[w] = setup_.eos.density(p);
-      q.set_deviator(w, s);
-    }
-  }
-
-  // ---- momentum
-  // -----------------------------------------------------------------------------------------------------
-  void update_acceleration() {
-    Particles<dim>& q = particles_;
-    const NumericalParameters& n = setup_.numerics;
-    const double c0 = std::sqrt(setup_.eos.K / setup_.eos.rho0);
-#pragma omp parallel for schedule(static)
-    for (std::size_t a = 0; a < q.interior; ++a) {
-      const V x = q.position(a);
-      const V v = q.velocity(a);
-      const S own = stress_over_density_squared(q.deviator(a), q.p[a], q.rho[a]);
-      V acceleration = setup_.gravity;
-      double damped = 0;
-      for (const std::int32_t i : list_.interior_of(a)) {
-        const std::size_t b = index(i);
-        const Pair<dim> ab = pair(x, b);
-        S sum = stress_over_density_squared(q.deviator(b), q.p[b], q.rho[b]);
-        sum += own;
-        if constexpr (C::Damping::on) {
-          const V difference = v - q.velocity(b);
-          const double alpha = C::Damping::limited ? 0.5 * n.alpha * (limiter_[a] + limiter_[b]) : n.alpha;
-          const double viscous =
-              artificial_viscosity<dim>(alpha, c0, n.h, 0.5 * (q.rho[a] + q.rho[b]), difference, ab);
-          for (int k = 0; k < dim; ++k) sum[k] -= viscous;
-          damped += 0.5 * q.m[a] * q.m[b] * viscous * dot(difference, ab.grad_w);
-        }
-        add_stress_divergence(acceleration, q.m[b], sum, ab);
-      }
-      for (const std::int32_t i : list_.walls_of(a)) {
-        const std::size_t b = index(i);
-        S sum = stress_over_density_squared(q.deviator(b), q.p[b], q.rho[b]);
-        sum += own;
-        add_stress_divergence(acceleration, q.m[b], sum, pair(x, b));
-      }
-      Particles<dim>::store(q.a, a, acceleration);
-      if constexpr (C::Damping::on) dissipated_[a] += dt_ * damped;
-    }
-  }
-
-  FlowSetup<dim> setup_;
-  typename C::Kernel kernel_;
-  Particles<dim> particles_;
-  typename C::Dilation dilation_;
-  std::vector<double> dissipated_;  // J since t = 0
-  std::vector<double> shepard_;     // rho~ of Eq. 5.17
-  std::vector<double> next_rho_;    // density at the end of the step, while neighbours still read the old one
-  std::vector<double> limiter_;     // of the damping, in [0, 1]
-  std::vector<double> boundary_rho0_;  // of each wall particle
-  std::array<std::vector<double>, dim> listed_x_;
+  FlowSetup<Dim> setup_;
+  const Parts& parts_ = setup_.parts;
+  AnyKernel<Dim> kernel_;
+  Particles<Dim> q_;
+  WallForces wall_forces_;
+  std::array<Column, static_cast<std::size_t>(Dim)> listed_x_;
   PairList list_;
   double wrapped_potential_ = 0;  // [J], of particles that came round a periodic direction
+  double sheared_ = 0;            // [J] since t = 0, like those that follow
+  double damped_ = 0;
+  double cut_off_ = 0;
+  double diffused_ = 0;
+  double from_walls_ = 0;
+  double slid_ = 0;
   double time_ = 0;
   long steps_ = 0;
   double sound_speed_ = 0;
-  double dt_ = 0;  // of the step under way
+  double largest_speed_ = 0;
   StepInfo next_;
 };
 

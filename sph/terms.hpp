@@ -20,8 +20,9 @@ struct Pair {
 
 /// Eq. 5.21 (given): L_a += (m_b/rho_b) (v_b - v_a) (x) grad_a W.
 template <int Dim>
-void add_velocity_gradient(Gradient<Dim>& l, double volume_b, const Vec<Dim>& v_b_minus_v_a,
-                           const Pair<Dim>& pair) {
+[[gnu::always_inline]] inline void add_velocity_gradient(Gradient<Dim>& l, double volume_b,
+                                                         const Vec<Dim>& v_b_minus_v_a,
+                                                         const Pair<Dim>& pair) {
   for (int i = 0; i < Dim; ++i)
     for (int j = 0; j < Dim; ++j) l(i, j) += volume_b * v_b_minus_v_a[i] * pair.grad_w[j];
 }
@@ -29,39 +30,45 @@ void add_velocity_gradient(Gradient<Dim>& l, double volume_b, const Vec<Dim>& v_
 /// Eq. 5.20 (given; the print lost m_b): a_a += m_b (sigma_a/rho_a^2 + sigma_b/rho_b^2) . grad_a W.
 /// `sum` is the bracket, tension positive.
 template <int Dim>
-void add_stress_divergence(Vec<Dim>& acceleration, double m_b, const Sym<Dim>& sum, const Pair<Dim>& pair) {
+[[gnu::always_inline]] inline void add_stress_divergence(Vec<Dim>& acceleration, double m_b,
+                                                         const Sym<Dim>& sum, const Vec<Dim>& grad_w) {
   for (int i = 0; i < Dim; ++i) {
     double traction = 0;
-    for (int j = 0; j < Dim; ++j) traction += sum(i, j) * pair.grad_w[j];
+    for (int j = 0; j < Dim; ++j) traction += sum(i, j) * grad_w[j];
     acceleration[i] += m_b * traction;
   }
 }
 
 /// sigma/rho^2 of one particle, with sigma = s - p 1 (Eq. 5.3, reconstructed).
 template <int Dim>
-Sym<Dim> stress_over_density_squared(const Sym<Dim>& s, double p, double rho) {
+[[gnu::always_inline]] inline Sym<Dim> stress_over_density_squared(const Sym<Dim>& s, double p, double rho) {
   Sym<Dim> sigma = s;
   for (int i = 0; i < 3; ++i) sigma[i] -= p;
   return sigma *= 1 / (rho * rho);
 }
 
-/// Density diffusion of Fourtakas et al. (2019): smooths what the density differs from its hydrostatic
-/// course. Returns the pair's part of d(rho_a)/dt over (delta h c): 2 (rho_b - rho_a - rho0 g.(x_b -
-/// x_a)/c^2) (-F) m_b/rho_b.
+/// Density diffusion of Molteni and Colagrossi (2009): the pair's part of d(rho_a)/dt over (delta h c),
+/// 2 (rho_b - rho_a) (-F) m_b/rho_b. Fourtakas et al. (2019) take off what rho_b - rho_a is under hydrostatic
+/// pressure, slope (up_b - up_a), so that a bed at rest does not diffuse: pass that difference instead.
 template <int Dim>
-double density_diffusion(double rho_b_minus_rho_a, double hydrostatic_slope, double volume_b,
-                         const Pair<Dim>& pair) {
-  // hydrostatic_slope = d(rho)/d(up); r points from b to a, so b lies -r higher.
-  const double hydrostatic = -hydrostatic_slope * pair.r[Dim - 1];
-  return 2 * (rho_b_minus_rho_a - hydrostatic) * -pair.f * volume_b;
+[[gnu::always_inline]] inline double density_diffusion(double rho_b_minus_rho_a, double volume_b,
+                                                       const Pair<Dim>& pair) {
+  return 2 * rho_b_minus_rho_a * -pair.f * volume_b;
+}
+/// Hydrostatic rho_b - rho_a for a slope d(rho)/d(up); r points from b to a, so b lies -r higher.
+template <int Dim>
+[[gnu::always_inline]] inline double hydrostatic_difference(double slope, const Pair<Dim>& pair) {
+  return -slope * pair.r[Dim - 1];
 }
 
 /// Artificial viscosity of Monaghan and Gingold (1983): Pi_ab [m^5/(kg s^2)], nonzero where two particles
 /// approach.
 template <int Dim>
-double artificial_viscosity(double alpha, double c, double h, double mean_rho, const Vec<Dim>& v_a_minus_v_b,
-                            const Pair<Dim>& pair) {
-  const double approach = std::fmin(dot(v_a_minus_v_b, pair.r), 0.0);
+[[gnu::always_inline]] inline double artificial_viscosity(double alpha, double c, double h, double mean_rho,
+                                                          const Vec<Dim>& v_a_minus_v_b,
+                                                          const Pair<Dim>& pair) {
+  const double projected = dot(v_a_minus_v_b, pair.r);
+  const double approach = projected > 0 ? 0 : projected;  // a NaN stays one
   return -alpha * c * h * approach / ((pair.distance * pair.distance + 0.01 * h * h) * mean_rho);
 }
 
@@ -76,6 +83,46 @@ Vec<Dim> boundary_velocity(const Vec<Dim>& v_interior, const Vec<Dim>& v_wall, d
   return (1 - factor) * v_interior + factor * v_wall;
 }
 
+/// Basal friction (Eq. 5.7, given in words): where an interior particle meets a wall with the friction mu_b,
+/// mu_b takes the place of the first two terms of mu. Returns the factor on the particle's deviatoric stress
+/// in that pair. A stress without elasticity is replaced, whatever its size: `strength` = (mu p + c), of
+/// which tau is the part that the rate of shear has mobilised. An elastic one is cut down to the wall's
+/// strength, since below it nothing slides.
+inline double basal_factor(double mu_b, double beta, double p, double cohesion, double strength) {
+  return strength > 0 ? std::fmax((mu_b + beta) * p + cohesion, 0.0) / strength : 1;
+}
+inline double basal_limit(double mu_b, double beta, double p, double cohesion, double tau) {
+  return std::fmin(basal_factor(mu_b, beta, p, cohesion, tau), 1.0);
+}
+
+/// Velocity averaging (XSPH, Monaghan 1989): the pair's part of what is added to the velocity of transport,
+/// over epsilon.
+template <int Dim>
+[[gnu::always_inline]] inline void add_averaged_velocity(Vec<Dim>& sum, double m_b, double mean_rho,
+                                                         const Vec<Dim>& v_b_minus_v_a, double w) {
+  for (int i = 0; i < Dim; ++i) sum[i] += m_b / mean_rho * w * v_b_minus_v_a[i];
+}
+
+/// Particle shifting (Sun, Colagrossi, Marrone, Antuono, Zhang 2017, delta-plus-SPH): the pair's part of the
+/// gradient of concentration, with the term (R = 0.2, n = 4) that keeps particles from pairing.
+template <int Dim>
+[[gnu::always_inline]] inline void add_concentration_gradient(Vec<Dim>& sum, double volume_b, double w_of_dx,
+                                                              const Pair<Dim>& pair) {
+  const double ratio = pair.w / w_of_dx;
+  const double square = ratio * ratio;
+  for (int i = 0; i < Dim; ++i) sum[i] += (1 + 0.2 * square * square) * volume_b * pair.grad_w[i];
+}
+
+/// First moment of the kernel's gradient, M_a += (m_b/rho_b) (x_b - x_a) (x) grad_a W: the identity if the
+/// sums were exact. Its inverse corrects gradients (Randles and Libersky 1996, Bonet and Lok 1999); its least
+/// eigenvalue tells the surface from the inside (Marrone et al. 2010). It is symmetric, since grad W = r F.
+template <int Dim>
+[[gnu::always_inline]] inline void add_first_moment(Gradient<Dim>& m, double volume_b,
+                                                    const Pair<Dim>& pair) {
+  for (int i = 0; i < Dim; ++i)
+    for (int j = 0; j < Dim; ++j) m(i, j) -= volume_b * pair.r[i] * pair.grad_w[j];
+}
+
 /// Q s Q^T for an orthogonal Q of the plane or of space; the zz of plane strain stays.
 template <int Dim>
 Sym<Dim> transform(const Sym<Dim>& s, const double (&q)[Dim][Dim]) {
@@ -88,15 +135,6 @@ Sym<Dim> transform(const Sym<Dim>& s, const double (&q)[Dim][Dim]) {
       result(i, j) = sum;
     }
   return result;
-}
-
-/// Reflects a stress in the plane with unit normal n: the shear traction on it then averages to zero.
-template <int Dim>
-Sym<Dim> mirror(const Sym<Dim>& s, const Vec<Dim>& n) {
-  double q[Dim][Dim];
-  for (int i = 0; i < Dim; ++i)
-    for (int j = 0; j < Dim; ++j) q[i][j] = (i == j ? 1.0 : 0.0) - 2 * n[i] * n[j];
-  return transform(s, q);
 }
 
 /// Rotates a stress by the spin W over dt: Hughes and Winget (1980), an exact rotation for every dt, so that

@@ -23,8 +23,9 @@ struct Section::Value {
   long line = 0;              // 0: from --set or a default
   std::vector<double> reals;  // SI
   bool truth = false;
-  std::string text;     // word or file
-  std::string written;  // as it would stand in a case file
+  bool with_unit = false;  // number_or_quantity: which of the two
+  std::string text;        // word or file
+  std::string written;     // as it would stand in a case file
   mutable bool used = false;
 };
 
@@ -73,6 +74,8 @@ std::string kind_in_words(const Parameter& p) {
       return "a list of numbers";
     case Kind::integers:
       return "a list of whole numbers";
+    case Kind::number_or_quantity:
+      return fmt::format("a number, or a quantity in quotes such as \"1 {}\"", p.unit);
   }
   return "";
 }
@@ -83,7 +86,8 @@ double element(const toml::node& node, const Parameter& p) {
     return UsageError(fmt::format("\"{}\" must be {}", p.name, kind_in_words(p)));
   };
   double value = 0;
-  const bool has_unit = p.kind == Kind::quantity || p.kind == Kind::quantities;
+  const bool has_unit = p.kind == Kind::quantity || p.kind == Kind::quantities ||
+                        (p.kind == Kind::number_or_quantity && node.is_string());
   const bool whole = p.kind == Kind::integer || p.kind == Kind::integers;
   if (has_unit) {
     if (node.is_number())
@@ -109,9 +113,11 @@ double element(const toml::node& node, const Parameter& p) {
     value = *number;
   }
   if (!std::isfinite(value)) throw UsageError(fmt::format("\"{}\" must be a finite number", p.name));
-  if (!(value >= p.minimum && value <= p.maximum))
-    throw UsageError(
-        fmt::format("\"{}\" = {:g} {} is outside [{:g}, {:g}]", p.name, value, p.unit, p.minimum, p.maximum));
+  if (!(value >= p.minimum && value <= p.maximum)) {
+    const bool bare = p.unit.empty() || (p.kind == Kind::number_or_quantity && !has_unit);
+    throw UsageError(fmt::format("\"{}\" = {:g}{} is outside [{:g}, {:g}]", p.name, value,
+                                 bare ? "" : " " + p.unit, p.minimum, p.maximum));
+  }
   return value;
 }
 
@@ -133,8 +139,31 @@ std::string written(const toml::node& node) {
 }
 
 std::string fallback_as_toml(const Parameter& p) {
-  const bool quoted = p.kind == Kind::quantity || p.kind == Kind::word || p.kind == Kind::file;
+  // Of a bare number and a quantity, the quantity is what has a space before its unit.
+  const bool quoted = p.kind == Kind::quantity || p.kind == Kind::word || p.kind == Kind::file ||
+                      (p.kind == Kind::number_or_quantity && p.fallback.find(' ') != std::string::npos);
   return quoted ? fmt::format("\"{}\"", p.fallback) : p.fallback;
+}
+
+// The part before the name of a table that stands for all sub-tables: "wall." of "wall.*"; empty for other
+// tables.
+std::string_view any_prefix(std::string_view section) {
+  return section.ends_with(".*") ? section.substr(0, section.size() - 1) : std::string_view{};
+}
+
+// A name of a sub-table must be one word of a path, or messages and --set could not say which table they
+// mean.
+bool is_name(std::string_view name) {
+  return !name.empty() && std::all_of(name.begin(), name.end(), [](char c) {
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' || c == '-';
+  });
+}
+
+// Whether a table is for `section`: by its own name, or as one of all sub-tables.
+bool is_for(std::string_view table, std::string_view section) {
+  const std::string_view prefix = any_prefix(table);
+  if (prefix.empty()) return table == section;
+  return section.starts_with(prefix) && is_name(section.substr(prefix.size()));
 }
 
 }  // namespace
@@ -178,6 +207,11 @@ std::vector<long> Section::integers(std::string_view name) const {
   for (double v : read(name, Kind::integers).reals) result.push_back(std::lround(v));
   return result;
 }
+double Section::number_or_quantity(std::string_view name) const {
+  const Value& v = read(name, Kind::number_or_quantity);
+  return v.set ? v.reals[0] : std::numeric_limits<double>::quiet_NaN();
+}
+bool Section::has_unit(std::string_view name) const { return read(name, Kind::number_or_quantity).with_unit; }
 bool Section::given(std::string_view name) const {
   const auto found = state_->values.find(name);
   return found != state_->values.end() && found->second.given;
@@ -262,7 +296,41 @@ void CaseFile::erase(std::string_view section, std::string_view key) {
   std::erase_if(document_->effective, [&](const auto& entry) { return entry.first == section; });
 }
 
+std::vector<std::string> CaseFile::subsections(std::string_view section) const {
+  const toml::table* table = std::as_const(document_->root).at_path(section).as_table();
+  if (table == nullptr) return {};
+  struct Found {
+    std::string name;
+    toml::source_position begin;
+  };
+  std::vector<Found> found;
+  for (const auto& [key, node] : *table)
+    if (node.is_table()) found.push_back({std::string(key.str()), node.source().begin});
+  // The parser sorts by name; positions bring the order of the file back. What --set made has line 0.
+  std::stable_sort(found.begin(), found.end(), [](const Found& a, const Found& b) {
+    if ((a.begin.line == 0) != (b.begin.line == 0)) return b.begin.line == 0;
+    return std::pair(a.begin.line, a.begin.column) < std::pair(b.begin.line, b.begin.column);
+  });
+  std::vector<std::string> names;
+  for (const Found& f : found) names.push_back(f.name);
+  return names;
+}
+
+Section CaseFile::section(const ParameterTable& table, std::string_view name) const {
+  const std::string_view prefix = any_prefix(table.section);
+  if (prefix.empty())
+    throw std::logic_error(fmt::format("the table [{}] does not stand for sub-tables", table.section));
+  if (!is_name(name))
+    throw UsageError(fmt::format("{}: [{}{}]: the name may hold letters, digits, - and _ only",
+                                 document_->name, prefix, name));
+  ParameterTable one = table;
+  one.section = fmt::format("{}{}", prefix, name);
+  return section(one);
+}
+
 Section CaseFile::section(const ParameterTable& table) const {
+  if (!any_prefix(table.section).empty())
+    throw std::logic_error(fmt::format("[{}] stands for many sections: say which", table.section));
   Section section;
   section.state_ = std::make_shared<Section::State>();
   Section::State& state = *section.state_;
@@ -342,6 +410,7 @@ Section CaseFile::section(const ParameterTable& table) const {
             break;
           }
           default:
+            value.with_unit = node->is_string();
             value.reals.push_back(element(*node, p));
         }
       } catch (const UsageError& error) {
@@ -360,10 +429,15 @@ Section CaseFile::section(const ParameterTable& table) const {
 
 void CaseFile::validate(std::span<const ParameterTable* const> tables) const {
   std::vector<std::string> names;
-  for (const ParameterTable* table : tables) names.push_back(table->section);
+  std::vector<std::string> meant;  // what a misspelt section may have been
+  for (const ParameterTable* table : tables) {
+    names.push_back(table->section);
+    const std::string_view prefix = any_prefix(table->section);
+    meant.emplace_back(prefix.empty() ? table->section : prefix.substr(0, prefix.size() - 1));
+  }
   const auto known = [&](const std::string& section) {
     for (const std::string& name : names)
-      if (name == section || name.starts_with(section + ".")) return true;
+      if (is_for(name, section) || name.starts_with(section + ".")) return true;
     return false;
   };
   const auto walk = [&](const auto& self, const toml::table& at, const std::string& prefix) -> void {
@@ -371,7 +445,7 @@ void CaseFile::validate(std::span<const ParameterTable* const> tables) const {
       const std::string section = prefix + std::string(key.str());
       if (const toml::table* table = node.as_table()) {
         if (!known(section)) {
-          const std::string near = nearest(section, names);
+          const std::string near = nearest(section, meant);
           throw UsageError(fmt::format("{}: unknown section [{}]{}", place(document_->name, line_of(node)),
                                        section,
                                        near.empty() ? fmt::format("; known: {}", fmt::join(names, ", "))
@@ -382,15 +456,22 @@ void CaseFile::validate(std::span<const ParameterTable* const> tables) const {
         throw UsageError(fmt::format("{}: the key \"{}\" stands outside any section",
                                      place(document_->name, line_of(node)), section));
       } else if (const std::string parent = prefix.substr(0, prefix.size() - 1);
-                 std::find(names.begin(), names.end(), parent) == names.end()) {
+                 std::none_of(names.begin(), names.end(),
+                              [&](const std::string& name) { return is_for(name, parent); })) {
         throw UsageError(fmt::format("{}: unknown key \"{}\": the section [{}] has only sub-sections",
                                      place(document_->name, line_of(node)), key.str(), parent));
       }
     }
   };
   walk(walk, document_->root, "");
-  for (const ParameterTable* table : tables)
-    if (has(table->section)) section(*table);
+  for (const ParameterTable* table : tables) {
+    const std::string_view prefix = any_prefix(table->section);
+    if (prefix.empty()) {
+      if (has(table->section)) section(*table);
+    } else {
+      for (const std::string& name : subsections(prefix.substr(0, prefix.size() - 1))) section(*table, name);
+    }
+  }
 }
 
 std::string CaseFile::effective() const {

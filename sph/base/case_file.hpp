@@ -22,15 +22,17 @@
 namespace dem2sph {
 
 enum class Kind {
-  quantity,    ///< text with a unit: "1 mm"
-  number,      ///< dimensionless: 0.5
-  integer,     ///< whole: 20
-  flag,        ///< true or false
-  word,        ///< one of Parameter::words
-  file,        ///< a path, relative to the case file
-  quantities,  ///< list of texts with units
-  numbers,     ///< list of numbers
-  integers     ///< list of whole numbers
+  quantity,           ///< text with a unit: "1 mm"
+  number,             ///< dimensionless: 0.5
+  integer,            ///< whole: 20
+  flag,               ///< true or false
+  word,               ///< one of Parameter::words
+  file,               ///< a path, relative to the case file
+  quantities,         ///< list of texts with units
+  numbers,            ///< list of numbers
+  integers,           ///< list of whole numbers
+  number_or_quantity  ///< 0.3, or text with a unit: "12 1/s"; Section::has_unit tells which. Bounds hold for
+                      ///< both
 };
 
 inline constexpr double unbounded = std::numeric_limits<double>::infinity();
@@ -48,7 +50,8 @@ struct Parameter {
   std::vector<std::string> words = {};
 };
 
-/// One `[section]` of a case file; a dot in the name makes a sub-table.
+/// One `[section]` of a case file; a dot in the name makes a sub-table. A name that ends in ".*" stands for
+/// every sub-table: "wall.*" for [wall.floor] and [wall.lid].
 struct ParameterTable {
   std::string section;
   std::string sentence;
@@ -71,6 +74,9 @@ class Section {
   std::vector<double> quantities(std::string_view name) const;
   std::vector<double> numbers(std::string_view name) const;
   std::vector<long> integers(std::string_view name) const;
+  double number_or_quantity(std::string_view name) const;
+  /// Of a key of Kind::number_or_quantity: true if its value is text with a unit.
+  bool has_unit(std::string_view name) const;
 
   /// True if the file (or --set) gives the key, rather than its default.
   bool given(std::string_view name) const;
@@ -109,6 +115,10 @@ class CaseFile {
   /// Checks the section against its table and returns its values. An absent section has all its defaults.
   /// Throws UsageError: unknown key (with "did you mean"), wrong type, unit or bound, required key missing.
   Section section(const ParameterTable& table) const;
+  /// The same for one sub-table of a table whose name ends in ".*": "floor" for [wall.floor].
+  Section section(const ParameterTable& table, std::string_view name) const;
+  /// Names of the sub-tables of a section in the order of the file, those that only --set gives at the end.
+  std::vector<std::string> subsections(std::string_view section) const;
   /// Checks the whole file: every section and key must be in one of `tables`.
   void validate(std::span<const ParameterTable* const> tables) const;
   /// All sections read so far with all their values, as TOML: the effective configuration.

@@ -129,22 +129,42 @@ LawFile law_file_from_json(const json& j) {
   law.warnings = j.at("warnings").get<std::vector<std::string>>();
   law.provenance = j.at("provenance");
 
-  // Every parameter of the members below is a pure number; D* in 1/s would be a member of its own.
+  // Every parameter is a pure number, but D* where it is a rate: that is another member, never another unit.
   for (const FittedLaw* part : {&law.friction, &law.solid_fraction, &law.dilation})
-    for (const FittedParameter& p : part->parameters)
-      if (p.unit != "1") throw refuse(fmt::format("{} has the unit \"{}\", expected \"1\"", p.name, p.unit));
+    for (const FittedParameter& p : part->parameters) {
+      const char* unit = part->member == "rational_rate" && p.name == "D_star" ? "1/s" : "1";
+      if (p.unit != unit)
+        throw refuse(fmt::format("{} has the unit \"{}\", expected \"{}\"", p.name, p.unit, unit));
+    }
   const auto positive = [&](double value, const char* name) {
     if (!(value > 0 && std::isfinite(value)))
       throw refuse(fmt::format("{} = {} must be positive", name, value));
   };
+  const auto not_negative = [&](double value, const char* name) {
+    if (!(value >= 0 && std::isfinite(value)))
+      throw refuse(fmt::format("{} = {} must not be negative", name, value));
+  };
+  // Of two parameters of the friction law, the second may not be the smaller.
+  const auto ordered = [&](const char* low, const char* high) {
+    positive(law.friction[low], low);
+    positive(law.friction[high], high);
+    if (!(law.friction[high] >= law.friction[low])) throw refuse(fmt::format("{} is below {}", high, low));
+  };
   positive(law.d, "d");
   positive(law.rho_s, "rho_s");
-  if (law.friction.member == "rational") {
+  const std::string& friction = law.friction.member;
+  if (friction == "constant") {
+    positive(law.friction["mu"], "mu");
+  } else if (friction == "rational" || friction == "rational_rate") {
     positive(law.friction["D_star"], "D_star");
-    positive(law.friction["mu_l"], "mu_l");
-    if (!(law.friction["mu_h"] >= law.friction["mu_l"])) throw refuse("mu_h is below mu_l");
+    ordered("mu_l", "mu_h");
+  } else if (friction == "barker_gray_2017") {
+    ordered("mu_s", "mu_2");
+    positive(law.friction["I_0"], "I_0");
+    not_negative(law.friction["mu_inf"], "mu_inf");
+    positive(law.friction["alpha"], "alpha");
   } else {
-    throw refuse(fmt::format("unknown friction law \"{}\"", law.friction.member));
+    throw refuse(fmt::format("unknown friction law \"{}\"", friction));
   }
   if (law.solid_fraction.member == "linear") {
     positive(law.solid_fraction["phi_c"], "phi_c");
@@ -152,10 +172,11 @@ LawFile law_file_from_json(const json& j) {
   } else {
     throw refuse(fmt::format("unknown solid fraction law \"{}\"", law.solid_fraction.member));
   }
-  if (law.dilation.member == "phi_relaxes")
-    positive(law.dilation["s_star"], "s_star");
-  else if (law.dilation.member != "none")
-    throw refuse(fmt::format("unknown dilation law \"{}\"", law.dilation.member));
+  const std::string& dilation = law.dilation.member;
+  if (dilation == "phi_relaxes" || dilation == "printed") positive(law.dilation["s_star"], "s_star");
+  if (dilation == "printed") not_negative(law.dilation["gain"], "gain");
+  if (dilation != "phi_relaxes" && dilation != "printed" && dilation != "none")
+    throw refuse(fmt::format("unknown dilation law \"{}\"", dilation));
   const std::size_t n = law.covariance_names.size();
   if (law.covariance.size() != n) throw refuse("the covariance has another size than its names");
   for (std::size_t i = 0; i < n; ++i) {

@@ -19,9 +19,14 @@ struct FittedParameter {
   bool at_bound = false;  ///< the fit held it at a bound: its standard error means nothing
 };
 
-/// One law of the material: which member of its family, and that member's parameters.
+/// One law of the material: which member of its family, and that member's parameters. All are pure numbers
+/// but the D_star of "rational_rate", which is in 1/s. The equations are in sph/rheology/README.md.
+///   friction        constant {mu}, rational {mu_l, mu_h, D_star}, rational_rate {mu_l, mu_h, D_star},
+///                   barker_gray_2017 {mu_s, mu_2, I_0, mu_inf, alpha}
+///   solid fraction  linear {phi_c, b}
+///   dilation        phi_relaxes {s_star}, printed {s_star, gain}, none
 struct FittedLaw {
-  std::string member;  ///< friction: "rational"; solid fraction: "linear"; dilation: "phi_relaxes" or "none"
+  std::string member;
   std::vector<FittedParameter> parameters;
   double chi2_per_dof = 0;  ///< of the fit that made it; 0 if there are no degrees of freedom
   /// Value of a parameter. Throws InputError if the law does not have it.
@@ -51,13 +56,14 @@ struct LawFile {
 
 inline constexpr int law_schema_version = 1;
 
-/// SHA-256 of everything that a flow can depend on: the law without its verdict, warnings and provenance (which has
-/// times and hosts).
+/// SHA-256 of everything that a flow can depend on: the law without its verdict, warnings and provenance
+/// (which has times and hosts).
 std::string law_hash(const LawFile& law);
 /// Writes atomically, numbers with 17 digits so that they read back bit for bit.
 void write_law_file(const LawFile& law, const std::filesystem::path& path);
 /// Throws InputError naming the file and the member that is missing, of another type or impossible
-/// (mu_h < mu_l, D_star <= 0, s_star <= 0, a covariance that is not square or not symmetric).
+/// (mu_h < mu_l, D_star <= 0 or in another unit than its member's, s_star <= 0, a covariance that is not
+/// square or not symmetric).
 LawFile read_law_file(const std::filesystem::path& path);
 
 }  // namespace dem2sph

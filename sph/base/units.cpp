@@ -34,6 +34,7 @@ const std::map<std::string, Unit, std::less<>>& known_units() {
       {"us", {1e-6, {0, 0, 1}}},
       {"min", {60, {0, 0, 1}}},
       {"h", {3600, {0, 0, 1}}},
+      {"rpm", {std::numbers::pi / 30, {0, 0, -1}}},  // 2 pi rad a minute
       {"N", {1, {1, 1, -2}}},
       {"J", {1, {2, 1, -2}}},
       {"Pa", {1, {-1, 1, -2}}},

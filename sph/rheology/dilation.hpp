@@ -6,8 +6,9 @@
 //
 // An example: s* = 0.4, phi_eq = 0.585. A sample packed to 0.61 starts with beta = (1 - 0.585/0.61)/0.4 =
 // 0.10: it dilates and is stronger by 0.10 in mu; after a strain of 0.4 the excess has fallen to 37 % of
-// that. phi is the state, not beta: the update below is exact for constant I, stable for every increment, and
-// the integral of beta over strain is ln(phi_1/phi_2) to rounding.
+// that. phi is the state, not beta: the updates below are exact, for constant I and for phi_eq linear within
+// the increment, stable for every increment, and the integral of beta over strain is ln(phi_1/phi_2) to
+// rounding.
 #pragma once
 
 #include <algorithm>
@@ -38,6 +39,28 @@ auto relax_solid_fraction(const T& phi, const U& phi_eq, const S& ds_over_s_star
   return phi_eq + (phi - phi_eq) * exp(-ds_over_s_star);
 }
 
+/// (1 - e^-x)/x for x >= 0, what an increment keeps of a change that is spread evenly over it; 1 at x = 0.
+/// Below 0.1 by its series, the first term left out being 0.1^10/11! = 3e-18: neither 0/0, nor a derivative
+/// of nearly equal terms.
+template <class X>
+X kept_of_a_ramp(const X& x) {
+  using std::expm1;
+  if (x < 0.1) {
+    X sum = X(1.0);
+    for (int k = 10; k > 1; --k) sum = 1.0 - sum * x / static_cast<double>(k);
+    return sum;
+  }
+  return -expm1(-x) / x;
+}
+
+/// phi after the increment x = ds/s* >= 0 in which phi_eq goes linearly from phi_eq_0 to phi_eq_1: exact
+/// solution of d(phi)/dx = -(phi - phi_eq(x)). At x = 0, a sudden change of phi_eq, phi stays.
+template <class T, class U, class S>
+auto relax_solid_fraction_ramp(const T& phi, const U& phi_eq_0, const U& phi_eq_1, const S& x) {
+  using std::exp;
+  return phi_eq_1 - (phi_eq_1 - phi_eq_0) * kept_of_a_ramp(x) + (phi - phi_eq_0) * exp(-x);
+}
+
 /// beta = (1 - phi_eq/phi)/s*: the closure of Eq. 5.22 with phi as the state (theory: "carry phi, not beta").
 template <class T, class U, class S>
 auto dilation_rate(const T& phi, const U& phi_eq, const S& s_star) {
@@ -52,6 +75,15 @@ auto relax_dilation_rate(const T& beta, const U& source, const S& s_star, const 
   using std::expm1;
   const auto x = ds / s_star;
   return beta * exp(-x) - source * s_star * expm1(-x);
+}
+
+/// The printed form over an increment x = ds/s* in which I is linear. With S s* = A (b/phi_c) dI/ds the
+/// source adds, in all, jump = A b (I_1 - I_0)/(phi_c s*), of which the relaxation leaves (1 - e^-x)/x. At x
+/// = 0, a sudden change of I, beta jumps by the whole of it.
+template <class T, class U, class S>
+auto relax_dilation_rate_ramp(const T& beta, const U& jump, const S& x) {
+  using std::exp;
+  return beta * exp(-x) + jump * kept_of_a_ramp(x);
 }
 
 }  // namespace dem2sph

@@ -3,12 +3,13 @@
 //
 // Return (Dunatunga and Kamrin 2015, with cohesion and beta). An elastic step has given the trial stress
 // tau_tr. If it lies above the surface, the excess becomes plastic shear at the rate g:  tau_tr - tau = G dt
-// g,  tau = mu(I(g)) p + c. For the rational law with frozen beta this is a quadratic with the closed form
-// below; with beta evolving, g decides phi and beta as well, and the same equation is solved by a safeguarded
-// Newton, so that no feedback lags by a step.
+// g,  tau = mu(I(g)) p + c. For the rational laws with frozen beta this is a quadratic with the closed form
+// below; for other laws, and with beta evolving, where g decides phi and beta as well, the same equation is
+// solved by a safeguarded Newton, so that no feedback lags by a step.
 #pragma once
 
 #include <cmath>
+#include <type_traits>
 
 #include "sph/rheology/dilation.hpp"
 #include "sph/rheology/friction.hpp"
@@ -27,41 +28,66 @@ struct Returned {
   double gamma_dot = 0;
 };
 
-/// Closed form for the rational law with frozen beta. p > 0 [Pa], G_dt = G dt [Pa s], cohesion [Pa].
+/// Strength mu(I, g, beta) p + c [Pa] at the plastic rate gamma_dot [1/s] with frozen beta. Where p = 0 only
+/// the cohesion is left: mu is not evaluated there, I would be infinite.
+template <class Law>
+double strength(const Law& law, const Grains& grains, double gamma_dot, double p, double beta,
+                double cohesion) {
+  if (p <= 0) return cohesion;
+  const double I = inertial_number(gamma_dot, p, grains.d, grains.rho_s);
+  return (steady_friction(law, I, gamma_dot) + beta) * p + cohesion;
+}
+
+/// Closed form for a strength S0 + (S2 - S0) G dt g/(G dt g + alpha) [Pa], with S0 that at rest, S2 that at
+/// very fast shear, and alpha [Pa] the stress G dt g at which half of the range is reached.
 /// Written so that a NaN fails closed: a trial that cannot be compared is not taken for elastic.
-inline Returned return_rational(const RationalFriction<double>& law, const Grains& grains, double tau_trial,
-                                double p, double G_dt, double beta, double cohesion) {
-  const double S0 = (law.mu_l + beta) * p + cohesion;
+inline Returned return_hyperbolic(double S0, double S2, double alpha, double tau_trial, double G_dt) {
   if (tau_trial <= S0) return {tau_trial, 0};
-  const double S2 = (law.mu_h + beta) * p + cohesion;
-  const double alpha = G_dt * law.D_star * std::sqrt(p / grains.rho_s) / grains.d;
-  const double B = S2 + tau_trial + alpha;
-  const double H = S2 * tau_trial + S0 * alpha;
+  // In units of the largest stress, so that no product of two stresses underflows as p -> 0.
+  double unit = tau_trial;
+  if (S2 > unit) unit = S2;
+  if (alpha > unit) unit = alpha;
+  const double part = alpha / unit;
+  const double B = (S2 + tau_trial + alpha) / unit;
+  const double H = S2 * (tau_trial / unit) + S0 * part;
   // B^2 - 4 H, and the drop x = tau_trial - tau from x^2 + c x - (tau_trial - S0) alpha = 0, without the
   // differences of nearly equal numbers that would make the root NaN, or the rate noise, where alpha is small
   // or tau_trial near S2.
-  const double c = alpha + S2 - tau_trial;
-  const double product = (tau_trial - S0) * alpha;
-  const double root = std::sqrt(c * c + 4 * product);
+  const double c = (alpha + S2 - tau_trial) / unit;
+  const double product = (tau_trial - S0) * part;
+  const double root = std::sqrt(c * c + 4 * (product / unit));
   const double tau = 2 * H / (B + root);
   if (tau < 0)
     return {0, tau_trial / G_dt};  // beta below -mu: there is no strength, and a stress has no sign
-  const double drop = c > 0 ? 2 * product / (c + root) : 0.5 * (root - c);
+  const double drop = c > 0 ? 2 * product / (c + root) : 0.5 * (root - c) * unit;
   return {tau, drop / G_dt};
 }
 
-/// Safeguarded Newton for tau_tr - tau = G dt g with any `strength(g)` [Pa] that does not fall as g rises.
+/// Closed form for the rational law with frozen beta. p >= 0 [Pa], G_dt = G dt [Pa s], cohesion [Pa].
+inline Returned return_rational(const RationalFriction<double>& law, const Grains& grains, double tau_trial,
+                                double p, double G_dt, double beta, double cohesion) {
+  return return_hyperbolic((law.mu_l + beta) * p + cohesion, (law.mu_h + beta) * p + cohesion,
+                           G_dt * law.D_star * std::sqrt(p / grains.rho_s) / grains.d, tau_trial, G_dt);
+}
+
+/// Slower than this [1/s] is no motion: a law without a yield stress carries less than its strength at this
+/// rate as if at rest. The largest trial that Barker and Gray's creep branch carries so is some 0.05 p.
+inline constexpr double gamma_dot_of_rest = 1e-290;
+
+/// Safeguarded Newton for tau_tr - tau = G dt g with any `strength_at(g)` [Pa] that does not fall as g rises.
 /// Stops when the bracket or the residual is at rounding level; every third turn halves the bracket if need
-/// be, so 200 turns always suffice.
+/// be, so 200 turns always suffice. A bracket over decades is halved in its logarithm: the rate of a creep
+/// law may be 1e-200 of what the trial allows.
 template <class Strength>
-Returned return_by_newton(double tau_trial, double G_dt, const Strength& strength) {
-  if (tau_trial <= strength(0.0)) return {tau_trial, 0};
-  double low = 0;
+Returned return_by_newton(double tau_trial, double G_dt, const Strength& strength_at) {
+  double low = gamma_dot_of_rest;
+  if (tau_trial <= strength_at(low)) return {tau_trial, 0};
   double high = tau_trial / G_dt;
-  const auto residual = [&](double g) { return tau_trial - G_dt * g - strength(g); };
+  const auto residual = [&](double g) { return tau_trial - G_dt * g - strength_at(g); };
   double g = 0.5 * high;
   double previous_g = high;
   double previous_r = residual(high);
+  const auto wide = [&] { return high > 64 * low; };
   double width = high;  // of the bracket three turns ago
   for (int i = 0; i < 200; ++i) {
     const double r = residual(g);
@@ -73,20 +99,45 @@ Returned return_by_newton(double tau_trial, double G_dt, const Strength& strengt
     // Secant as the Newton step; bisection where it would leave the bracket or creeps along one side of it.
     double next = g - r * (g - previous_g) / (r - previous_r);
     if (i % 3 == 2) {
-      if (high - low > 0.25 * width) next = low;
+      if (high - low > 0.25 * width || (i > 8 && wide())) next = low;
       width = high - low;
     }
     previous_g = g;
     previous_r = r;
-    g = next > low && next < high ? next : 0.5 * (low + high);
+    g = next > low && next < high ? next
+        : i > 8 && wide()         ? std::sqrt(low) * std::sqrt(high)
+                                  : 0.5 * (low + high);
   }
   // Not tau_trial - G_dt g, which has lost all its digits where the trial is far outside. A strength below
   // zero is none.
-  const double tau = strength(g);
-  return {tau < 0 ? 0 : tau, g};
+  const double tau = strength_at(g);
+  return {tau < 0 ? 0 : tau > tau_trial ? tau_trial : tau, g};
 }
 
-/// Limits on the beta that enters mu; the state phi itself is never clipped.
+/// The return for any friction law with frozen beta: in closed form where there is one. tau_trial and
+/// cohesion [Pa], p >= 0 [Pa] (in tension there is no strength to return to: the caller cuts it off), G_dt =
+/// G dt [Pa s].
+template <class Law>
+Returned return_to_yield(const Law& law, const Grains& grains, double tau_trial, double p, double G_dt,
+                         double beta, double cohesion) {
+  if constexpr (std::is_same_v<Law, ConstantFriction<double>>) {
+    const double S0 = (law.mu + beta) * p + cohesion;
+    if (tau_trial <= S0) return {tau_trial, 0};
+    if (std::isnan(tau_trial)) return {tau_trial, tau_trial};
+    const double tau = S0 < 0 ? 0 : S0;
+    return {tau, (tau_trial - tau) / G_dt};
+  } else if constexpr (std::is_same_v<Law, RationalFriction<double>>) {
+    return return_rational(law, grains, tau_trial, p, G_dt, beta, cohesion);
+  } else if constexpr (std::is_same_v<Law, RationalRateFriction<double>>) {
+    return return_hyperbolic((law.mu_l + beta) * p + cohesion, (law.mu_h + beta) * p + cohesion,
+                             G_dt * law.D_star, tau_trial, G_dt);
+  } else {
+    return return_by_newton(tau_trial, G_dt,
+                            [&](double g) { return strength(law, grains, g, p, beta, cohesion); });
+  }
+}
+
+/// Limits on the beta that enters mu; a state that evolves is never clipped.
 struct DilationLimits {
   double lowest = -0.5;
   double highest = 0.5;
@@ -95,24 +146,59 @@ struct DilationLimits {
   }  // NaN stays
 };
 
-/// The dilation law with phi as the state: parameters of phi_eq(I) and of the relaxation.
-struct DilationLaw {
+/// What a particle carries: the state of its dilation law (which one, the law says), and the I at which it
+/// was.
+struct DilationState {
+  double value = 0;
+  double I = 0;
+};
+
+/// End of an increment: the new state, and the beta that enters mu there, within its limits.
+struct DilationStep {
+  DilationState state;
+  double beta = 0;
+};
+
+/// phi is the state: d(phi)/ds = -(phi - phi_eq(I))/s*, beta = (1 - phi_eq/phi)/s*.
+struct RelaxingSolidFraction {
+  using Step = DilationStep;
   LinearSolidFraction<double> phi_eq;
   double s_star = 0;
   DilationLimits limits;
 
-  /// phi and the beta that enters mu after shearing at rate g for the time dt, from phi_0. I is that of the
-  /// end.
-  struct State {
-    double phi = 0;
-    double beta = 0;
-  };
-  State after(double phi_0, double I, double strain_increment) const {
+  DilationState start(double phi_0) const { return {phi_0, 0}; }
+  /// After the shear strain ds, in which phi_eq goes linearly from that of the state to that of I. ds = 0:
+  /// the beta of the state itself at I.
+  Step after(const DilationState& state, double I, double ds) const {
     const double equilibrium = phi_eq(I);
-    const double phi = relax_solid_fraction(phi_0, equilibrium, strain_increment / s_star);
-    return {phi, limits(dilation_rate(phi, equilibrium, s_star))};
+    const double phi = relax_solid_fraction_ramp(state.value, phi_eq(state.I), equilibrium, ds / s_star);
+    return {{phi, I}, limits(dilation_rate(phi, equilibrium, s_star))};
   }
 };
+
+/// beta is the state, as printed in Eq. 5.22 (given), with the source that phi would give it, times `gain`:
+/// S s* = A (b/phi_c) dI/ds. b dI is taken as the fall of phi_eq, which is the same down to the floor of
+/// phi_eq and stays bounded there as p -> 0 and I diverges.
+struct PrintedDilation {
+  using Step = DilationStep;
+  LinearSolidFraction<double> phi_eq;
+  double s_star = 0;
+  double gain = 1;  ///< A; 1 ties the source to the relaxation of phi
+  DilationLimits limits;
+
+  DilationState start(double phi_0) const { return {dilation_rate(phi_0, phi_eq(0.0), s_star), 0}; }
+  Step after(const DilationState& state, double I, double ds) const {
+    const double jump = gain * (phi_eq(state.I) - phi_eq(I)) / (phi_eq.phi_c * s_star);
+    const double beta = relax_dilation_rate_ramp(state.value, jump, ds / s_star);
+    return {{beta, I}, limits(beta)};
+  }
+};
+
+/// beta straight from the velocity field, Eq. 5.13 (reconstructed), its limits given in words: tr(D)/|g|, no
+/// less than 0 and no more than 0.5; 0 where nothing shears. trace and gamma_dot in 1/s.
+inline double direct_dilation(double trace, double gamma_dot, const DilationLimits& limits = {0, 0.5}) {
+  return gamma_dot <= 0 ? 0 : limits(trace / gamma_dot);
+}
 
 /// Direct viscoplastic stress, Eq. 5.3 (reconstructed): the viscosity eta = (mu p + c)/max(|g|, g_min) [Pa
 /// s], such that the deviatoric stress is 2 eta D'. g_min [1/s] keeps the bound 0.125 h^2 rho/eta of Eq. 5.28

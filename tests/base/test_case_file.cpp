@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cmath>
+#include <tuple>
 #include <vector>
 
 #include "sph/base/case_file.hpp"
@@ -278,6 +279,135 @@ TEST(CaseFile, DescribeListsEveryParameter) {
   EXPECT_CONTAINS(text, "default 9.81 m/s^2");
   EXPECT_CONTAINS(text, "one of \"direct\", \"return\", \"elastic\"");
   EXPECT_CONTAINS(text, "unset");
+}
+
+// ---- tables that stand for every sub-table of a section
+
+const ParameterTable walls{"wall.*",
+                           "A wall.",
+                           {{"height", Kind::quantity, "m", 0, 100, "required", "Its height."},
+                            {"rough", Kind::flag, "", 0, 0, "true", "Whether it holds grains."}}};
+const std::array<const ParameterTable*, 2> wall_tables{&bed, &walls};
+
+TEST(CaseFile, ATableForEverySubTable) {
+  const CaseFile file = parse(R"([wall.left]
+height = "1 m"
+[wall.floor]
+height = "2 m"
+rough = false
+[bed]
+height = "1 m"
+[wall.a]
+height = "3 m")",
+                              {"wall.added.height=4 m", "wall.floor.rough=true"});
+  EXPECT_NO_THROW(file.validate(wall_tables));
+  EXPECT_EQ(file.subsections("wall"), (std::vector<std::string>{"left", "floor", "a", "added"}));
+  EXPECT_TRUE(file.subsections("bed").empty());
+  EXPECT_TRUE(file.subsections("none").empty());
+  EXPECT_TRUE(file.has("wall.floor"));
+  EXPECT_EQ(file.section(walls, "floor").quantity("height"), 2);
+  EXPECT_TRUE(file.section(walls, "floor").flag("rough"));
+  EXPECT_EQ(file.section(walls, "added").quantity("height"), 4);
+  const Section left = file.section(walls, "left");
+  EXPECT_EQ(message_of<UsageError>([&] { left.refuse("height", "too low"); }),
+            "case.toml:2: [wall.left] too low");
+  EXPECT_CONTAINS(left.text(), "[wall.left]\nheight = \"1 m\"\nrough = true  # default\n");
+
+  // What is written out is the same case, with the sub-tables in the same order.
+  const CaseFile again = CaseFile::parse(file.effective(), "effective.toml");
+  EXPECT_NO_THROW(again.validate(wall_tables));
+  EXPECT_EQ(again.subsections("wall"), file.subsections("wall"));
+  for (const std::string& name : file.subsections("wall")) {
+    EXPECT_EQ(again.section(walls, name).quantity("height"), file.section(walls, name).quantity("height"));
+    EXPECT_TRUE(again.section(walls, name).given("rough"));
+  }
+}
+
+TEST(CaseFile, SubTablesAreCheckedToo) {
+  const std::vector<Mistake> mistakes{
+      {"unknown key",
+       "[wall.a]\nheight = \"1 m\"\nheigth = 1",
+       {"case.toml:3: [wall.a] unknown key", "\"height\"?"}},
+      {"missing key",
+       "\n[wall.a]\nrough = true",
+       {"case.toml:2: [wall.a] lacks the required key \"height\""}},
+      {"bare number", "[wall.a]\nheight = 1", {"case.toml:2: [wall.a] \"height\" needs a unit"}},
+      {"key without a name",
+       "[wall]\nheight = \"1 m\"",
+       {"case.toml:2: ", "the section [wall] has only sub-sections"}},
+      {"sub-table of a sub-table",
+       "[wall.a]\nheight = \"1 m\"\n[wall.a.b]\nheight = \"1 m\"",
+       {"case.toml:3: unknown section [wall.a.b]"}},
+      {"misspelt section", "[wal.a]\nheight = \"1 m\"", {"unknown section [wal]", "did you mean [wall]?"}},
+      {"a name that is a path",
+       "[wall.\"a.b\"]\nheight = \"1 m\"",
+       {"case.toml:1: unknown section [wall.a.b]"}},
+      {"the star itself", "[wall.\"*\"]\nheight = \"1 m\"", {"case.toml:1: unknown section [wall.*]"}},
+  };
+  for (const Mistake& m : mistakes) {
+    SCOPED_TRACE(m.what);
+    const std::string message = message_of<UsageError>([&] { parse(m.text).validate(wall_tables); });
+    for (const char* fragment : m.fragments) EXPECT_CONTAINS(message, fragment);
+  }
+  EXPECT_THROW(parse("").section(walls), std::logic_error);
+  EXPECT_THROW(parse("").section(bed, "a"), std::logic_error);
+  EXPECT_CONTAINS(message_of<UsageError>([&] { parse("").section(walls, "a b"); }), "[wall.a b]: the name");
+}
+
+// ---- numbers that may have a unit
+
+const ParameterTable scales{
+    "scales",
+    "Numbers with or without unit.",
+    {{"rate", Kind::number_or_quantity, "1/s", 0.1, 100, "required", "A rate, or one over a reference."},
+     {"bare", Kind::number_or_quantity, "1/s", 0, 100, "0.25", "Default without unit."},
+     {"with_unit", Kind::number_or_quantity, "1/s", 0, 100, "2 1/min", "Default with unit."},
+     {"open", Kind::number_or_quantity, "1/s", 0, 100, "unset", "No default."}}};
+
+TEST(CaseFile, ANumberOrAQuantity) {
+  for (const auto& [text, value, unit] :
+       std::vector<std::tuple<std::string, double, bool>>{{"0.279", 0.279, false},
+                                                          {"12", 12, false},
+                                                          {"\"12 1/s\"", 12, true},
+                                                          {"\"0.05 1/ms\"", 50, true}}) {
+    SCOPED_TRACE(text);
+    const CaseFile file = parse("[scales]\nrate = " + text);
+    const Section s = file.section(scales);
+    // Milliseconds to SI is one division, of an ulp.
+    EXPECT_NEAR(s.number_or_quantity("rate"), value, 1e-15 * value);
+    EXPECT_EQ(s.has_unit("rate"), unit);
+    EXPECT_EQ(s.number_or_quantity("bare"), 0.25);
+    EXPECT_FALSE(s.has_unit("bare"));
+    EXPECT_NEAR(s.number_or_quantity("with_unit"), 2.0 / 60, 1e-17);
+    EXPECT_TRUE(s.has_unit("with_unit"));
+    EXPECT_TRUE(std::isnan(s.number_or_quantity("open")));
+    EXPECT_FALSE(s.has_unit("open"));
+    EXPECT_THROW(s.number("rate"), std::logic_error);
+    const Section again = CaseFile::parse(file.effective(), "effective.toml").section(scales);
+    EXPECT_EQ(again.number_or_quantity("rate"), s.number_or_quantity("rate"));
+    EXPECT_EQ(again.has_unit("rate"), unit);
+    EXPECT_TRUE(again.has_unit("with_unit"));
+  }
+  EXPECT_TRUE(parse("[scales]\nrate = 1", {"scales.rate=3 1/s"}).section(scales).has_unit("rate"));
+  EXPECT_CONTAINS(describe(scales), "a number, or a quantity in quotes such as \"1 1/s\" in [0.1, 100] 1/s");
+}
+
+TEST(CaseFile, ANumberOrAQuantityIsChecked) {
+  const std::vector<Mistake> mistakes{
+      {"number below", "0.01", {"case.toml:2: [scales] \"rate\" = 0.01 is outside [0.1, 100]"}},
+      {"quantity above", "\"1 1/ms\"", {"case.toml:2: [scales] \"rate\" = 1000 1/s is outside [0.1, 100]"}},
+      {"wrong dimension", "\"1 m\"", {"\"rate\": ", "is m"}},
+      {"text without unit", "\"12\"", {"\"rate\": ", "has no unit"}},
+      {"flag", "true", {"\"rate\" must be a number, or a quantity in quotes"}},
+      {"list", "[1]", {"\"rate\" must be a number, or a quantity in quotes"}},
+      {"nan", "nan", {"must be a finite number"}},
+  };
+  for (const Mistake& m : mistakes) {
+    SCOPED_TRACE(m.what);
+    const std::string message =
+        message_of<UsageError>([&] { parse(std::string("[scales]\nrate = ") + m.text).section(scales); });
+    for (const char* fragment : m.fragments) EXPECT_CONTAINS(message, fragment);
+  }
 }
 
 using CaseFileOnDisk = test::Scratch;

@@ -4,6 +4,8 @@
 #include <bit>
 #include <cstdint>
 #include <limits>
+#include <string>
+#include <utility>
 #include <vector>
 
 #include "sph/base/law_file.hpp"
@@ -166,6 +168,82 @@ TEST_F(LawJson, ImpossibleValuesAreNamed) {
     wrong[json::json_pointer(w.pointer)] = w.value;
     EXPECT_CONTAINS(refusal(wrong), w.fragment);
   }
+}
+
+// Every other member, with its units.
+std::vector<FittedLaw> other_frictions() {
+  return {{"constant", {{"mu", 0.4}}, 0},
+          {"rational_rate", {{"mu_l", 0.38}, {"mu_h", 0.64}, {"D_star", 12, 0, "1/s"}}, 0},
+          {"barker_gray_2017",
+           {{"mu_s", 0.383}, {"mu_2", 0.644}, {"I_0", 0.279}, {"mu_inf", 0.05}, {"alpha", 1.9}},
+           0}};
+}
+
+TEST_F(LawJson, EveryMemberIsReadBack) {
+  for (const FittedLaw& friction : other_frictions()) {
+    LawFile law = example();
+    law.friction = friction;
+    law.dilation = {"printed", {{"s_star", 0.4}, {"gain", 1.3}}, 0};
+    write_law_file(law, in("law.json"));
+    const LawFile back = read_law_file(in("law.json"));
+    expect_same(back.friction, law.friction);
+    expect_same(back.dilation, law.dilation);
+  }
+}
+
+TEST_F(LawJson, ImpossibleValuesOfEveryMemberAreNamed) {
+  // A friction law of the list above (0: constant, 1: rational_rate, 2: Barker and Gray's), a wrong
+  // parameter.
+  struct Wrong {
+    std::size_t law;
+    std::size_t parameter;
+    double value;
+    const char* unit;
+    const char* fragment;
+  };
+  const std::vector<Wrong> list{
+      {0, 0, 0, "1", "mu = 0 must be positive"},
+      {0, 0, 0.4, "1/s", "mu has the unit \"1/s\", expected \"1\""},
+      {1, 0, -0.1, "1", "mu_l = -0.1 must be positive"},
+      {1, 1, 0.3, "1", "mu_h is below mu_l"},
+      {1, 2, 0, "1/s", "D_star = 0 must be positive"},
+      {1, 2, 12, "1", "D_star has the unit \"1\", expected \"1/s\""},
+      {2, 0, 0, "1", "mu_s = 0 must be positive"},
+      {2, 1, 0.3, "1", "mu_2 is below mu_s"},
+      {2, 2, -0.3, "1", "I_0 = -0.3 must be positive"},
+      {2, 3, -0.05, "1", "mu_inf = -0.05 must not be negative"},
+      {2, 4, 0, "1", "alpha = 0 must be positive"},
+  };
+  for (const Wrong& w : list) {
+    SCOPED_TRACE(w.fragment);
+    LawFile law = example();
+    law.friction = other_frictions().at(w.law);
+    law.friction.parameters.at(w.parameter).value = w.value;
+    law.friction.parameters.at(w.parameter).unit = w.unit;
+    write_law_file(law, in("good.json"));
+    EXPECT_CONTAINS(refusal(read_json(in("good.json"))), w.fragment);
+  }
+  for (const FittedLaw& friction : other_frictions())
+    for (std::size_t i = 0; i < friction.parameters.size(); ++i) {
+      LawFile law = example();
+      law.friction = friction;
+      law.friction.parameters.erase(law.friction.parameters.begin() + static_cast<std::ptrdiff_t>(i));
+      write_law_file(law, in("good.json"));
+      EXPECT_CONTAINS(refusal(read_json(in("good.json"))),
+                      "has no parameter \"" + friction.parameters[i].name + "\"");
+    }
+}
+
+TEST_F(LawJson, ThePrintedDilationNeedsItsGain) {
+  const auto refused = [&](std::vector<FittedParameter> parameters) {
+    LawFile law = example();
+    law.dilation = {"printed", std::move(parameters), 0};
+    write_law_file(law, in("good.json"));
+    return refusal(read_json(in("good.json")));
+  };
+  EXPECT_CONTAINS(refused({{"s_star", 0.4}}), "the printed law has no parameter \"gain\"");
+  EXPECT_CONTAINS(refused({{"s_star", 0.0}, {"gain", 1.0}}), "s_star = 0 must be positive");
+  EXPECT_CONTAINS(refused({{"s_star", 0.4}, {"gain", -1.0}}), "gain = -1 must not be negative");
 }
 
 TEST_F(LawJson, ALawWithoutDilationIsALaw) {

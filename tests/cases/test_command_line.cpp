@@ -212,7 +212,7 @@ TEST_F(CommandLine, RunRefusesBeforeTheFirstGrain) {
     expect(run({"run", example("column_collapse"), "-o", in("out"), "--set", override_text}), 2, expected);
     EXPECT_FALSE(fs::exists(in("out/shear_cell"))) << "it had begun";
   };
-  refused("flow.kernel=wendland_c4", "does not exist; these do");
+  refused("flow.wall_stress_share=0.3", "changes nothing");
   refused("flow.dilation=none", "with and without dilation");
   expect(run({"plan", example("column_collapse"), "--set", "flow.beta_lowest=-0.2"}), 0, "dilation evolve");
 }

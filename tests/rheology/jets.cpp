@@ -51,4 +51,26 @@ Differentiated<4> relax_dilation_rate_by_jet(double beta, double source, double 
   return plain<4>(relax_dilation_rate(Jet(beta, 0), Jet(source, 1), Jet(s_star, 2), Jet(ds, 3)));
 }
 
+Differentiated<4> relax_solid_fraction_ramp_by_jet(double phi, double phi_eq_0, double phi_eq_1, double x) {
+  using Jet = ceres::Jet<double, 4>;
+  return plain<4>(relax_solid_fraction_ramp(Jet(phi, 0), Jet(phi_eq_0, 1), Jet(phi_eq_1, 2), Jet(x, 3)));
+}
+
+Differentiated<2> constant_friction_by_jet(double I, double mu) {
+  using Jet = ceres::Jet<double, 2>;
+  return plain<2>(steady_friction(ConstantFriction<Jet>{Jet(mu, 1)}, Jet(I, 0), Jet(0.0)));
+}
+
+Differentiated<4> rational_rate_friction_by_jet(double gamma_dot, double mu_l, double mu_h, double D_star) {
+  using Jet = ceres::Jet<double, 4>;
+  const RationalRateFriction<Jet> law{Jet(mu_l, 1), Jet(mu_h, 2), Jet(D_star, 3)};
+  return plain<4>(steady_friction(law, Jet(0.0), Jet(gamma_dot, 0)));
+}
+
+Differentiated<6> barker_gray_by_jet(double I, const std::array<double, 5>& p, double I_N) {
+  using Jet = ceres::Jet<double, 6>;
+  const BarkerGray2017<Jet> law(Jet(p[0], 1), Jet(p[1], 2), Jet(p[2], 3), Jet(p[3], 4), Jet(p[4], 5), I_N);
+  return plain<6>(steady_friction(law, Jet(I, 0), Jet(0.0)));
+}
+
 }  // namespace dem2sph::test

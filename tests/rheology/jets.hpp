@@ -25,4 +25,12 @@ Differentiated<3> relax_solid_fraction_by_jet(double phi, double phi_eq, double 
 /// beta after ds: derivatives by beta, source, s*, ds.
 Differentiated<4> relax_dilation_rate_by_jet(double beta, double source, double s_star, double ds);
 
+/// phi after an increment with phi_eq linear: derivatives by phi, phi_eq_0, phi_eq_1, x.
+Differentiated<4> relax_solid_fraction_ramp_by_jet(double phi, double phi_eq_0, double phi_eq_1, double x);
+/// The members of the family of friction laws, by steady_friction: derivatives by I or gamma_dot, then by the
+/// parameters in their order (of Barker and Gray's law at fixed I_N).
+Differentiated<2> constant_friction_by_jet(double I, double mu);
+Differentiated<4> rational_rate_friction_by_jet(double gamma_dot, double mu_l, double mu_h, double D_star);
+Differentiated<6> barker_gray_by_jet(double I, const std::array<double, 5>& parameters, double I_N);
+
 }  // namespace dem2sph::test

@@ -4,12 +4,14 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <array>
 #include <bit>
 #include <cmath>
 #include <cstdint>
 #include <filesystem>
 #include <limits>
 #include <random>
+#include <stdexcept>
 
 #include "sph/base/law_file.hpp"
 #include "sph/rheology/friction.hpp"
@@ -19,6 +21,7 @@ namespace dem2sph {
 namespace {
 
 constexpr double eps = std::numeric_limits<double>::epsilon();
+constexpr double nan_value = std::numeric_limits<double>::quiet_NaN();
 
 // Representable numbers between two doubles of the same sign.
 std::int64_t ulps(double a, double b) {
@@ -118,6 +121,143 @@ TEST(Friction, LimitsOfTheLaw) {
     before = law(I);
   }
   EXPECT_TRUE(std::isnan(law(std::nan(""))));
+}
+
+TEST(ConstantFriction, IsConstantForEveryScalar) {
+  const ConstantFriction<double> law{0.4};
+  for (const double I : {0.0, 1e-300, 0.3, 1e300}) {
+    EXPECT_EQ(law(I), 0.4);
+    EXPECT_EQ(law(I, 7.0), 0.4);
+    EXPECT_EQ(law.slope(I), 0);
+  }
+  const auto jet = test::constant_friction_by_jet(0.3, 0.4);
+  EXPECT_EQ(jet.value, 0.4);
+  EXPECT_EQ(jet.derivative, (std::array<double, 2>{0, 1}));
+}
+
+TEST(RationalRateFriction, IsTheRationalLawOfTheRate) {
+  const RationalRateFriction<double> law{0.38, 0.64, 12};
+  const RationalFriction<double> same{0.38, 0.64, 12};
+  for (double g = 1e-10; g < 1e10; g *= 3) {
+    EXPECT_EQ(steady_friction(law, 0.1, g), same(g));
+    EXPECT_EQ(law(0.7, g), same(g)) << "I does not matter";
+    const auto jet = test::rational_rate_friction_by_jet(g, 0.38, 0.64, 12);
+    EXPECT_LE(ulps(jet.value, law(0.1, g)), 4);
+    // As for the rational law above: 1/(g+D) - g/(g+D)^2 loses (g+D)/D of its digits.
+    EXPECT_NEAR(jet.derivative[0], law.slope(g), 8 * eps * law.slope(g) * (1 + g / 12));
+  }
+  EXPECT_EQ(law(0.1, 0.0), 0.38);
+  EXPECT_NEAR(law(0.1, 12.0), 0.51, 2 * eps);  // half of the range at 12/s
+}
+
+// The formulas as printed, in long double.
+struct PrintedBarkerGray {
+  long double mu_s, mu_2, I_0, mu_inf, alpha, I_N;
+  long double operator()(long double I) const {
+    const auto flowing = [&](long double x) { return (mu_s * I_0 + mu_2 * x + mu_inf * x * x) / (I_0 + x); };
+    if (I > I_N) return flowing(I);
+    const long double sum = I_0 + I_N;
+    const long double weight = mu_s * I_0 + mu_2 * I_N + mu_inf * I_N * I_N;
+    const long double A = I_N * std::exp(alpha * sum * sum / (weight * weight));
+    return std::sqrt(alpha / std::log(A / I));
+  }
+};
+
+TEST(BarkerGray2017, IsThePrintedFormulaAndContinuous) {
+  for (const double mu_s : {0.2, 0.342, 0.383, 0.45})
+    for (const double I_0 : {0.069, 0.279})
+      for (const double mu_inf : {0.0, 0.05, 0.3})
+        for (const double alpha : {1.0, 1.9}) {
+          const double mu_2 = mu_s + 0.25;
+          const BarkerGray2017<double> law(mu_s, mu_2, I_0, mu_inf, alpha);
+          const PrintedBarkerGray printed{mu_s, mu_2, I_0, mu_inf, alpha, law.I_N};
+          for (double I = 1e-300; I < 1e6; I *= 7) {
+            const double exact = static_cast<double>(printed(I));
+            // A dozen operations without cancellation; ln(A/I) is a difference of two logarithms of up to 700
+            // that is never below ln(A/I_N) = alpha/mu_N^2 > 1, next to which they are below 10.
+            ASSERT_NEAR(law(I), exact, 32 * eps * exact) << I;
+          }
+          const double above = std::nextafter(law.I_N, 1.0);
+          ASSERT_NEAR(law(law.I_N), law(above), 32 * eps) << "a jump at I_N";
+          ASSERT_GT(law.slope(above), 0);
+        }
+}
+
+TEST(BarkerGray2017, TheValuesOfTheHeader) {
+  const BarkerGray2017<double> law(0.383, 0.644, 0.279, 0.05, 1.9);
+  EXPECT_NEAR(law.I_N, 0.019437033873527826, 1e-12);  // by a bisection of C in another language
+  EXPECT_NEAR(std::exp(law.log_A), 2781.484, 1e-3);   // the same
+  // Other grains of the same authors: their smaller I_0 has a neutral point smaller nearly in proportion.
+  const BarkerGray2017<double> small(0.342, 0.557, 0.069, 0.05, 1.9);
+  EXPECT_NEAR(small.I_N, 0.004, 0.0005);  // quoted to one digit
+}
+
+TEST(BarkerGray2017, AtRestItIsZeroWithoutANaN) {
+  const BarkerGray2017<double> law(0.383, 0.644, 0.279, 0.05, 1.9);
+  EXPECT_EQ(law(0.0), 0);
+  EXPECT_EQ(law(0.0, 0.0), 0);
+  EXPECT_EQ(law.slope(0.0), std::numeric_limits<double>::infinity());
+  double before = 0;
+  for (double I = std::numeric_limits<double>::denorm_min(); I < 1e300; I *= 2) {
+    ASSERT_GT(law(I), before) << I;  // from the smallest number on, it never falls
+    ASSERT_GT(law.slope(I), 0) << I;
+    before = law(I);
+  }
+  EXPECT_TRUE(std::isnan(law(nan_value)));
+  EXPECT_TRUE(std::isnan(law.slope(nan_value)));
+  const auto jet = test::barker_gray_by_jet(0, {0.383, 0.644, 0.279, 0.05, 1.9}, law.I_N);
+  EXPECT_EQ(jet.value, 0);
+  for (const double d : jet.derivative) EXPECT_EQ(d, 0);
+}
+
+TEST(BarkerGray2017, SlopeAndJetAgree) {
+  const std::array<double, 5> p{0.383, 0.644, 0.279, 0.05, 1.9};
+  const BarkerGray2017<double> law(p[0], p[1], p[2], p[3], p[4]);
+  for (double I = 1e-200; I < 1e3; I *= 5) {
+    const auto jet = test::barker_gray_by_jet(I, p, law.I_N);
+    ASSERT_LE(ulps(jet.value, law(I)), 16);  // Jets multiply with inverses
+    // The Jet of I/(I_0 + I) is a difference of terms of up to (0.3 + 0.05 I)/I; slopes are at least 0.05.
+    ASSERT_NEAR(jet.derivative[0], law.slope(I), 32 * eps * (law.slope(I) + 1));
+    // By the parameters: against central differences of the printed formula in long double with a step of
+    // 1e-6, whose error is 1e-12/6 of a third derivative; the largest, by I_0 next to I_N, is some 1e2.
+    for (std::size_t k = 0; k < 5; ++k) {
+      const auto at = [&](long double h) {
+        std::array<long double, 5> q{};
+        for (std::size_t i = 0; i < 5; ++i) q[i] = p[i] + (i == k ? h : 0.0L);
+        return PrintedBarkerGray{q[0], q[1], q[2], q[3], q[4], law.I_N}(I);
+      };
+      const double numeric = static_cast<double>((at(1e-6L) - at(-1e-6L)) / 2e-6L);
+      ASSERT_NEAR(jet.derivative[k + 1], numeric, 1e-9 * (1 + std::abs(numeric))) << I << " " << k;
+    }
+  }
+}
+
+TEST(BarkerGray2017, RefusesWhatHasNoNeutralPoint) {
+  using Law = BarkerGray2017<double>;
+  EXPECT_THROW(Law(0.383, 0.383, 0.279, 0, 1.9), std::invalid_argument);   // a constant mu
+  EXPECT_THROW(Law(0.383, 0.39, 0.279, 0, 1.9), std::invalid_argument);    // nearly one
+  EXPECT_THROW(Law(0.383, 0.644, 0.279, 0.05, 2), std::invalid_argument);  // creep ill posed as I -> 0
+  EXPECT_THROW(Law(0.383, 0.644, 0.279, 0.05, 0), std::invalid_argument);
+  EXPECT_THROW(Law(0, 0.644, 0.279, 0.05, 1.9), std::invalid_argument);
+  EXPECT_THROW(Law(0.644, 0.383, 0.279, 0.05, 1.9), std::invalid_argument);
+  EXPECT_THROW(Law(0.383, 0.644, -1, 0.05, 1.9), std::invalid_argument);
+  EXPECT_THROW(Law(0.383, 0.644, 0.279, -0.05, 1.9), std::invalid_argument);
+  for (std::size_t k = 0; k < 5; ++k) {
+    std::array<double, 5> p{0.383, 0.644, 0.279, 0.05, 1.9};
+    p[k] = nan_value;
+    EXPECT_THROW(Law(p[0], p[1], p[2], p[3], p[4]), std::invalid_argument) << k;
+  }
+}
+
+TEST(InertialNumber, IsFiniteForEveryPressure) {
+  const RationalFriction<double> law{0.38, 0.64, 0.279};
+  for (double p = 1; p > 0; p *= 0.1) {  // down to the smallest number there is
+    const double I = inertial_number(10.0, p, 1e-3, 2500);
+    ASSERT_TRUE(std::isfinite(I));
+    // x/(x + D* sqrt(p)) with x = g d sqrt(rho_s) = 0.5: the form that has no infinity in it.
+    const double expected = 0.38 + (0.64 - 0.38) * (0.5 / (0.5 + 0.279 * std::sqrt(p)));
+    ASSERT_NEAR(law(I), expected, 8 * eps);
+  }
 }
 
 TEST(InertialNumber, ByHandAndByJet) {

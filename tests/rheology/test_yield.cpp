@@ -199,15 +199,16 @@ TEST(ReturnByNewton, WithEvolvingDilationTheStateIsConsistent) {
   for (int i = 0; i < 5000; ++i) {
     // G = 1e4 to 1e7 Pa and far above p beta/s*, so that the equation has one solution; steps of 1e-7 to 1e-2
     // s.
-    const DilationLaw dilation{{0.585, 0.1 + 0.3 * uniform(random)}, 0.1 + uniform(random), {}};
+    const RelaxingSolidFraction dilation{{0.585, 0.1 + 0.3 * uniform(random)}, 0.1 + uniform(random), {}};
     const double p = std::pow(10, -2 + 5 * uniform(random));
     const double dt = std::pow(10, -7 + 5 * uniform(random));
     const double G_dt = dt * p * std::pow(10, 1.5 + 3 * uniform(random));
     const double phi_0 = 0.5 + 0.13 * uniform(random);
     const double cohesion = uniform(random) < 0.5 ? 0 : p * uniform(random);
+    const double I_0 = 0.3 * uniform(random);
     int evaluations = 0;
     const auto state = [&](double g) {
-      return dilation.after(phi_0, inertial_number(g, p, grains.d, grains.rho_s), g * dt);
+      return dilation.after({phi_0, I_0}, inertial_number(g, p, grains.d, grains.rho_s), g * dt);
     };
     const auto strength = [&](double g) {
       ++evaluations;
@@ -238,18 +239,196 @@ TEST(ReturnByNewton, WithEvolvingDilationTheStateIsConsistent) {
 TEST(ReturnByNewton, DenseIsStrongerAndLooseIsWeaker) {
   const RationalFriction<double> law{0.38, 0.64, 0.279};
   const Grains grains{1e-3, 2500};
-  const DilationLaw dilation{{0.585, 0.1}, 0.4, {}};
+  const RelaxingSolidFraction dilation{{0.585, 0.1}, 0.4, {}};
   const auto tau_from = [&](double phi_0) {
     return return_by_newton(2000, 100,
                             [&](double g) {
                               const double I = inertial_number(g, 1000.0, grains.d, grains.rho_s);
-                              return friction(law, I, dilation.after(phi_0, I, g * 1e-4).beta) * 1000;
+                              return friction(law, I, dilation.after({phi_0, 0}, I, g * 1e-4).beta) * 1000;
                             })
         .tau;
   };
   // beta_0 = (1 - 0.585/0.61)/0.4 = 0.10 and p = 1 kPa: about 100 Pa, more since phi_eq falls with I.
   EXPECT_GT(tau_from(0.61), tau_from(0.585) + 80);
   EXPECT_LT(tau_from(0.56), tau_from(0.585) - 80);
+}
+
+// ---- every member of the family
+
+// Plain bisection in long double and in the logarithm of the rate, on the formulas written out again.
+template <class Mu>
+long double stress_by_bisection(const State& x, const Mu& mu) {
+  const auto strength = [&](long double log_g) { return (mu(std::exp(log_g)) + x.beta) * x.p + x.cohesion; };
+  long double low = -2000;  // e^-2000: long double has the range
+  long double high = std::log(static_cast<long double>(x.tau_trial) / x.G_dt);
+  for (int i = 0; i < 200; ++i) {
+    const long double middle = 0.5L * (low + high);
+    (x.tau_trial - x.G_dt * std::exp(middle) > strength(middle) ? low : high) = middle;
+  }
+  return std::max(0.0L, strength(low));
+}
+
+template <class Law>
+Returned newton_of(const Law& law, const State& x) {
+  return return_by_newton(x.tau_trial, x.G_dt,
+                          [&](double g) { return strength(law, x.grains, g, x.p, x.beta, x.cohesion); });
+}
+template <class Law>
+Returned returned_of(const Law& law, const State& x) {
+  return return_to_yield(law, x.grains, x.tau_trial, x.p, x.G_dt, x.beta, x.cohesion);
+}
+
+TEST(ReturnToYield, ClosedFormsAgreeWithNewton) {
+  for_many_states(20000, [](const State& x) {
+    const auto check = [&](const auto& law) {
+      const Returned closed = returned_of(law, x);
+      const Returned newton = newton_of(law, x);
+      ASSERT_TRUE(std::isfinite(closed.tau) && std::isfinite(closed.gamma_dot));
+      // 1e-12 is what the coupling may rely on, a thousand times the rounding of either side.
+      ASSERT_NEAR(newton.tau, closed.tau, 1e-12 * closed.tau);
+      ASSERT_NEAR(x.tau_trial - closed.tau, x.G_dt * closed.gamma_dot, 8 * eps * x.tau_trial);
+    };
+    check(x.law);
+    check(ConstantFriction<double>{x.law.mu_l});
+    // A rate whose stress G dt D* lies 12 decades about the pressure.
+    check(RationalRateFriction<double>{x.law.mu_l, x.law.mu_h, x.law.D_star * x.p / x.G_dt});
+    check(RationalRateFriction<double>{x.law.mu_l, x.law.mu_h, x.law.D_star});
+  });
+}
+
+TEST(ReturnToYield, ByHand) {
+  // The example of return_rational above, with d/sqrt(p/rho) = 1 s: there I is the rate, so D* is 1/s as
+  // well.
+  const Returned rate = return_to_yield(RationalRateFriction<double>{0.4, 0.8, 1}, {7, 3}, 1.6, 1, 1, 0, 0);
+  EXPECT_NEAR(rate.tau, 0.6, 4 * eps);
+  EXPECT_NEAR(rate.gamma_dot, 1, 8 * eps);
+  const Returned constant = return_to_yield(ConstantFriction<double>{0.4}, {7, 3}, 1.6, 2, 0.5, 0.1, 0.25);
+  EXPECT_NEAR(constant.tau, 1.25, 4 * eps);  // (0.4 + 0.1) 2 + 0.25
+  EXPECT_NEAR(constant.gamma_dot, 0.7, 8 * eps);
+  const Returned inside = return_to_yield(ConstantFriction<double>{0.4}, {7, 3}, 1.2, 2, 0.5, 0.1, 0.25);
+  EXPECT_EQ(inside.tau, 1.2);
+  EXPECT_EQ(inside.gamma_dot, 0);
+  const Returned none = return_to_yield(ConstantFriction<double>{0.4}, {7, 3}, 1.2, 2, 0.5, -0.5, 0);
+  EXPECT_EQ(none.tau, 0);
+  EXPECT_EQ(none.gamma_dot, 2.4);
+}
+
+template <class Action>
+void for_every_law(const Action& action) {
+  action(ConstantFriction<double>{0.4});
+  action(RationalFriction<double>{0.38, 0.64, 0.279});
+  action(RationalRateFriction<double>{0.38, 0.64, 12});
+  action(BarkerGray2017<double>(0.383, 0.644, 0.279, 0.05, 1.9));
+}
+
+TEST(ReturnToYield, AsThePressureVanishes) {
+  for_every_law([](const auto& law) {
+    for (double p = 1e-12; p > 1e-301; p *= 1e-4)
+      for (const double cohesion : {0.0, 1e-200, 1e-3, 20.0})
+        for (const double beta : {0.0, 0.2, -0.5})
+          for (const double over : {1e-6, 0.5, 10.0, 1e6}) {
+            const double largest = 0.7 * p + cohesion;
+            for (const double G_dt : {1e-6, 1.0, 1e4}) {
+              const State x{{}, {1e-3, 2500}, largest * (1 + over), p, G_dt, beta, cohesion};
+              const Returned r = returned_of(law, x);
+              const Returned newton = newton_of(law, x);
+              ASSERT_TRUE(std::isfinite(r.tau) && std::isfinite(r.gamma_dot)) << p;
+              ASSERT_GE(r.tau, 0);
+              ASSERT_LE(r.tau, x.tau_trial);
+              ASSERT_GE(r.gamma_dot, 0);
+              ASSERT_NEAR(newton.tau, r.tau, 1e-12 * x.tau_trial) << p << " " << cohesion << " " << over;
+              // The strength is the cohesion, but for what mu_inf g d sqrt(rho_s p) = 2.5e-9 Pa s g adds.
+              if (cohesion > 1e-4 && over < 100 && G_dt >= 1) {
+                ASSERT_NEAR(r.tau, cohesion, 1e-7 * cohesion);
+              }
+            }
+          }
+    // p = 0 exactly: the cohesion, and nothing else.
+    for (const double cohesion : {0.0, 1e-200, 20.0}) {
+      const State x{{}, {1e-3, 2500}, 2 * cohesion + 1, 0, 10, 0.1, cohesion};
+      for (const Returned& r : {returned_of(law, x), newton_of(law, x)}) {
+        ASSERT_NEAR(r.tau, cohesion, 4 * eps * x.tau_trial);
+        ASSERT_NEAR(r.gamma_dot, (x.tau_trial - cohesion) / 10, 8 * eps * x.tau_trial);
+      }
+    }
+  });
+}
+
+TEST(ReturnToYield, WithStrongCohesion) {
+  for_every_law([](const auto& law) {
+    for (const double cohesion : {1e3, 1e6, 1e9}) {
+      State x{{}, {1e-3, 2500}, 0.99 * cohesion, 1, 10, 0.1, cohesion};
+      EXPECT_EQ(returned_of(law, x).tau, x.tau_trial);
+      EXPECT_EQ(returned_of(law, x).gamma_dot, 0);
+      x.tau_trial = 2 * cohesion;
+      const Returned r = returned_of(law, x);
+      const double expected = strength(law, x.grains, r.gamma_dot, x.p, x.beta, x.cohesion);
+      EXPECT_NEAR(r.tau, expected, 1e-12 * expected);
+      EXPECT_NEAR(newton_of(law, x).tau, r.tau, 1e-12 * r.tau);
+      EXPECT_GT(r.gamma_dot, 0);
+    }
+  });
+}
+
+TEST(ReturnToYield, ANaNIsNeverTakenForAnElasticState) {
+  for_every_law([](const auto& law) {
+    const State good{{}, {1e-3, 2500}, 1000, 1000, 10, 0.05, 5};
+    ASSERT_TRUE(std::isfinite(returned_of(law, good).tau));
+    const auto check = [&](const char* what, auto change) {
+      State x = good;
+      change(x);
+      EXPECT_TRUE(std::isnan(returned_of(law, x).tau)) << what;
+      EXPECT_TRUE(std::isnan(newton_of(law, x).tau)) << what;
+    };
+    check("tau", [](State& x) { x.tau_trial = nan_value; });
+    check("p", [](State& x) { x.p = nan_value; });
+    check("beta", [](State& x) { x.beta = nan_value; });
+    check("cohesion", [](State& x) { x.cohesion = nan_value; });
+    State x = good;
+    x.G_dt = nan_value;
+    EXPECT_TRUE(std::isnan(returned_of(law, x).gamma_dot));
+  });
+}
+
+TEST(ReturnByNewton, WithoutAYieldStressItFindsTheCreep) {
+  const BarkerGray2017<double> law(0.383, 0.644, 0.279, 0.05, 1.9);
+  const Grains grains{1e-3, 2500};
+  int evaluations_at_most = 0;
+  long evaluations_in_all = 0;
+  long states = 0;
+  for (double p = 1e-6; p < 1e7; p *= 100)
+    for (double ratio = 1e-12; ratio < 1.1e3; ratio *= 1.3)
+      for (double G_dt = p * 1e-8; G_dt < p * 1e3; G_dt *= 30) {
+        const State x{{}, grains, ratio * p, p, G_dt, 0, 0};
+        int evaluations = 0;
+        const Returned r = return_by_newton(x.tau_trial, G_dt, [&](double g) {
+          ++evaluations;
+          return strength(law, grains, g, p, 0, 0);
+        });
+        evaluations_at_most = std::max(evaluations_at_most, evaluations);
+        evaluations_in_all += evaluations;
+        ++states;
+        // The law again, in long double, with its own ln so that I may be e^-2000.
+        const auto mu = [&](long double g) -> long double {
+          const long double I = g * 1e-3L * std::sqrt(2500.0L / p);
+          if (I <= law.I_N) return std::sqrt(1.9L / (law.log_A - std::log(I)));
+          return (0.383L * 0.279L + 0.644L * I + 0.05L * I * I) / (0.279L + I);
+        };
+        ASSERT_TRUE(std::isfinite(r.tau) && r.gamma_dot >= 0);
+        ASSERT_LE(r.tau, x.tau_trial);
+        // A trial below sqrt(1.9/670) p = 0.053 p is carried at a rate below 1e-290: as if at rest, to all
+        // digits.
+        if (ratio < 0.05) {
+          ASSERT_EQ(r.tau, x.tau_trial);
+        }
+        const long double exact = ratio < 0.05 ? x.tau_trial : stress_by_bisection(x, mu);
+        ASSERT_NEAR(r.tau, static_cast<double>(exact), 1e-12 * x.tau_trial)
+            << p << " " << ratio << " " << G_dt;
+        ASSERT_NEAR(r.tau, static_cast<double>(exact), 1e-11 * r.tau) << p << " " << ratio << " " << G_dt;
+        ASSERT_NEAR(x.tau_trial - r.tau, G_dt * r.gamma_dot, 4e-14 * x.tau_trial);
+      }
+  EXPECT_LE(evaluations_at_most, 80);
+  EXPECT_LE(evaluations_in_all / states, 16);
 }
 
 TEST(DirectViscosity, GivesTheStressOfEq53) {

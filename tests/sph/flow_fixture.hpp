@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "sph/flow.hpp"
+#include "sph/material.hpp"
 #include "sph/rheology/bagnold.hpp"
 #include "sph/scene.hpp"
 

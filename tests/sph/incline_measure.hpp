@@ -15,15 +15,18 @@ struct InclineResult {
 };
 
 /// Runs the case to `settle` and averages over `average` seconds in 40 samples.
-inline InclineResult measure_incline(const CaseFile& file, double settle, double average) {
-  FlowSetup<2> setup = make_setup<2>(file, law_of_case(file));
-  const Material material = setup.material;
-  const double dx = setup.numerics.dx;
-  const double length = setup.period.length[0];
-  const double g_normal = -setup.gravity[1];
+template <int Dim = 2>
+InclineResult measure_incline(const CaseFile& file, double settle, double average) {
+  FlowSetup<Dim> setup = make_setup<Dim>(file, law_of_case(file));
+  const Grains grains = setup.grains;
+  const auto friction = std::get<RationalFriction<double>>(setup.parts.friction);
+  const double dx = setup.dx;
+  double area = setup.period.length[0];
+  if (Dim == 3) area *= setup.period.length[1];
+  const double g_normal = -setup.gravity[Dim - 1];
   const double theta = std::atan2(setup.gravity[0], g_normal);
   const double g = std::hypot(setup.gravity[0], g_normal);
-  auto flow = make_flow<2>(std::move(setup));
+  auto flow = make_flow<Dim>(std::move(setup));
   run_until(*flow, settle);
   InclineResult result;
   double surface = 0, slip = 0, exact = 0, squares = 0;
@@ -32,16 +35,15 @@ inline InclineResult measure_incline(const CaseFile& file, double settle, double
     run_until(*flow, flow->time() + average / samples);
     const Interior q(flow->frame());
     const double rho = mean(q.rho);
-    const double H = flow->budgets().mass / (rho * length);
-    const Bagnold bagnold(material.friction, material.grains, rho / material.grains.rho_s, g, theta);
+    const double H = flow->budgets().mass / (rho * area);
+    const Bagnold bagnold(friction, grains, rho / grains.rho_s, g, theta);
     std::vector<double> bottom_z, bottom_v, top_v, top_exact, deep_z, deep_p;
     for (std::size_t i = 0; i < q.size(); ++i) {
       if (q.up[i] < 3 * dx) bottom_z.push_back(q.up[i]), bottom_v.push_back(q.vx[i]);
       if (q.up[i] > H - 2 * dx) top_v.push_back(q.vx[i]), top_exact.push_back(bagnold.velocity(q.up[i], H));
       if (q.up[i] < 0.5 * H) deep_z.push_back(q.up[i]), deep_p.push_back(q.p[i]);
       if (q.p[i] > 0 && q.gamma_dot[i] > 0) {
-        const double law = material.friction(
-            inertial_number(q.gamma_dot[i], q.p[i], material.grains.d, material.grains.rho_s));
+        const double law = friction(inertial_number(q.gamma_dot[i], q.p[i], grains.d, grains.rho_s));
         result.largest_mu_error = std::max(result.largest_mu_error, std::abs(q.tau[i] / q.p[i] - law));
       }
     }
@@ -52,7 +54,7 @@ inline InclineResult measure_incline(const CaseFile& file, double settle, double
     exact += mean(top_exact) / samples;
     squares += ratio_now * ratio_now;
     result.floor_pressure +=
-        Line(deep_z, deep_p).at_zero * length / (flow->budgets().mass * g_normal) / samples;
+        Line(deep_z, deep_p).at_zero * area / (flow->budgets().mass * g_normal) / samples;
   }
   result.velocity_ratio = (surface - slip) / exact;
   // Neighbouring samples resemble each other; a quarter of them is taken as independent.

@@ -37,9 +37,7 @@ Outcome collapse(const std::vector<std::string>& overrides) {
   Outcome outcome;
   outcome.last = flow->budgets();
   const Budgets& last = outcome.last;
-  const double before = first.kinetic + first.potential + first.elastic;
-  outcome.unaccounted = (before - last.kinetic - last.potential - last.elastic - last.dissipated) /
-                        (first.potential - last.potential);
+  outcome.unaccounted = last.unaccounted_since(first) / (first.potential - last.potential);
   std::vector<std::array<double, 3>> positions;
   std::vector<double> volumes;
   flow->deposit(positions, volumes);
@@ -59,7 +57,8 @@ TEST(Collapse, EndsWhereExperimentsEnd) {
   EXPECT_GT(o.height, 0.85);
   EXPECT_LT(o.height, 1.0);
   EXPECT_LT(o.last.kinetic, 1e-3 * 59) << "nearly at rest; the column's potential energy is 59 J/m";
-  EXPECT_LT(std::abs(o.unaccounted), 0.1) << "energy: what no term of the budget explains";
+  // Bar: 1 %. What is left is the difference between the volumes m/rho of 5.21 and of 5.20, and time steps.
+  EXPECT_LT(std::abs(o.unaccounted), 0.01) << "energy: what no term of the budget explains";
 }
 
 TEST(Collapse, DoesNotDependOnTheSpeedOfSound) {

@@ -39,7 +39,7 @@ TEST(Incline, EvolvedBetaVanishesInSteadyFlow) {
   run_until(*flow, 1.0);
   const Frame frame = flow->frame();
   const Interior q(frame);
-  const double I = Bagnold(make_setup<2>(case_of(incline), law_of_case(case_of(incline))).material.friction,
+  const double I = Bagnold(std::get<RationalFriction<double>>(friction_law(law_of_case(case_of(incline)))),
                            {0.005, 2500}, 0.6, 9.81, 25 * M_PI / 180)
                        .inertial_number;
   double beta = 0;

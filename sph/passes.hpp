@@ -1,0 +1,488 @@
+// The passes over pairs: each is compiled once for every choice of the parts that it depends on. What a pair
+// contributes is in terms.hpp; what a particle does with the sums is in constitutive.hpp.
+#pragma once
+
+#include "sph/base/geometry.hpp"
+#include "sph/equation_of_state.hpp"
+#include "sph/kernel.hpp"
+#include "sph/loops.hpp"
+#include "sph/neighbours.hpp"
+#include "sph/parts.hpp"
+#include "sph/terms.hpp"
+
+namespace dem2sph {
+
+/// What every pass reads beside the particles.
+template <int Dim>
+struct Surroundings {
+  const PairList& list;
+  const Period<Dim>& period;
+  const std::vector<Wall<Dim>>& walls;
+};
+
+inline std::size_t index(std::int32_t b) { return static_cast<std::size_t>(b); }
+
+template <int Dim, class Kernel>
+[[gnu::always_inline]] inline Pair<Dim> pair_of(const Kernel& kernel, const Period<Dim>& period,
+                                                const Vec<Dim>& x_a, const Vec<Dim>& x_b) {
+  Pair<Dim> ab;
+  ab.r = period.shortest(x_a - x_b);
+  ab.distance = norm(ab.r);
+  const KernelValue k = kernel(ab.distance);
+  ab.w = k.w;
+  ab.f = k.f;
+  ab.grad_w = k.f * ab.r;
+  return ab;
+}
+/// Only the kernel's value: density and extrapolation need no gradient.
+template <int Dim, class Kernel>
+[[gnu::always_inline]] inline double weight_of(const Kernel& kernel, const Period<Dim>& period,
+                                               const Vec<Dim>& x_a, const Vec<Dim>& x_b) {
+  return kernel(norm(period.shortest(x_a - x_b))).w;
+}
+template <int Dim>
+const Wall<Dim>& wall_of(const Particles<Dim>& q, const Surroundings<Dim>& around, std::size_t w) {
+  return around.walls[static_cast<std::size_t>(q.wall[w])];
+}
+
+// ---- density
+/// Eq. 5.17 (given), over all neighbours and the particle itself: into `sum`.
+template <int Dim, class Kernel>
+void density_pass(const Particles<Dim>& q, std::size_t count, const Surroundings<Dim>& around,
+                  const Kernel& kernel, Column& sum) {
+  const double self = kernel(0).w;
+  for_particles(0, count, [&](std::size_t a) {
+    const Vec<Dim> x = q.position(a);
+    double rho = q.m[a] * self;
+    for (const std::int32_t b : around.list.all_of(a))
+      rho += q.m[index(b)] * weight_of(kernel, around.period, x, q.position(index(b)));
+    sum[a] = rho;
+  });
+}
+/// Eq. 5.18 (given): the Shepard filter over rho_tilde, into rho.
+template <int Dim, class Kernel>
+void shepard_pass(Particles<Dim>& q, std::size_t count, const Surroundings<Dim>& around,
+                  const Kernel& kernel) {
+  const double self = kernel(0).w;
+  for_particles(0, count, [&](std::size_t a) {
+    const Vec<Dim> x = q.position(a);
+    double sum = q.m[a] / q.rho_tilde[a] * self;
+    for (const std::int32_t b : around.list.all_of(a))
+      sum +=
+          q.m[index(b)] / q.rho_tilde[index(b)] * weight_of(kernel, around.period, x, q.position(index(b)));
+    q.rho[a] = q.rho_tilde[a] / sum;
+  });
+}
+
+// ---- first moment of the gradient
+/// Inverse of a symmetric matrix, and its least eigenvalue. A particle that lacks neighbours on one side has
+/// a small eigenvalue (about 0.5 at a flat surface). Below 0.75 the inverse is the identity: there it would
+/// make up for what is not there, and the toe of a collapse is then pushed through the floor (seen with 0.3
+/// and 0.5).
+template <int Dim>
+struct Moment {
+  Gradient<Dim> inverse;
+  double lambda = 0;
+};
+template <int Dim>
+Moment<Dim> invert_moment(const Gradient<Dim>& m);
+
+template <int Dim, class Kernel>
+void moment_pass(Particles<Dim>& q, const Surroundings<Dim>& around, const Kernel& kernel) {
+  const bool inverse = !q.correction[0].empty();
+  const bool eigenvalue = !q.lambda.empty();
+  for_particles(0, q.interior, [&](std::size_t a) {
+    const Vec<Dim> x = q.position(a);
+    Gradient<Dim> m;
+    for (const std::int32_t i : around.list.all_of(a)) {
+      const std::size_t b = index(i);
+      add_first_moment(m, q.m[b] / q.rho[b], pair_of(kernel, around.period, x, q.position(b)));
+    }
+    const Moment<Dim> moment = invert_moment(m);
+    if (inverse) Particles<Dim>::store(q.correction, a, moment.inverse);
+    if (eigenvalue) q.lambda[a] = moment.lambda;
+  });
+}
+
+template <int Dim>
+[[gnu::always_inline]] inline Vec<Dim> product(const Gradient<Dim>& m, const Vec<Dim>& v) {
+  Vec<Dim> result;
+  for (int i = 0; i < Dim; ++i)
+    for (int j = 0; j < Dim; ++j) result[i] += m(i, j) * v[j];
+  return result;
+}
+
+// ---- velocity gradient and rate of density
+/// Eqs. 5.23 and 5.24 (given) for the pair of a wall particle and an interior one. At a smooth wall only the
+/// normal component is artificial.
+template <int Dim>
+Vec<Dim> seen_wall_velocity(const Particles<Dim>& q, const Surroundings<Dim>& around, double B_max,
+                            std::size_t w, std::size_t a) {
+  const Wall<Dim>& wall = wall_of(q, around, w);
+  const Vec<Dim> x_a = q.position(a);
+  const Vec<Dim> x_w = q.position(w);
+  const Vec<Dim> v = q.velocity(a);
+  const Vec<Dim> seen =
+      boundary_velocity(v, wall.velocity_at(x_w), wall.distance(x_a), -wall.distance(x_w), B_max);
+  if (wall.rough) return seen;
+  const Vec<Dim> n = wall.normal(x_a);
+  return v + dot(seen - v, n) * n;
+}
+
+/// Eq. 5.21 (given) for all that have a stress of their own: into l; and d(rho)/dt, where a continuity
+/// equation wants it, into rho_rate. `hydrostatic_slope` is d(rho)/d(up) under gravity, `c0` the speed of
+/// sound at rho0.
+template <int Dim, class Kernel, class Density, class Walls, class Correction>
+void gradient_pass(Particles<Dim>& q, const Surroundings<Dim>& around, const Kernel& kernel,
+                   const Density& density, const Walls& walls, const Correction&, double hydrostatic_slope,
+                   double c0) {
+  constexpr bool corrected = std::is_same_v<Correction, BonetLok1999>;
+  const double diffusion = [&] {
+    if constexpr (is_diffusive<Density>) return density.delta * kernel.h() * c0;
+    return 0.0;
+  }();
+  const std::size_t count = has_own_state<Walls> ? q.size : q.interior;
+  for_particles(0, count, [&](std::size_t a) {
+    const Vec<Dim> x = q.position(a);
+    const Vec<Dim> v = q.velocity(a);
+    const bool wall = has_own_state<Walls> && a >= q.interior;
+    Gradient<Dim> l;
+    double rate = 0;
+    const auto add = [&](std::size_t b, const Vec<Dim>& difference, bool diffuses)
+        __attribute__((always_inline)) {
+      const Pair<Dim> ab = pair_of(kernel, around.period, x, q.position(b));
+      const double volume = q.m[b] / q.rho[b];
+      add_velocity_gradient(l, volume, difference, ab);
+      if constexpr (std::is_same_v<Density, ContinuityMonaghan1994>)
+        rate -= q.m[b] * dot(difference, ab.grad_w);
+      if constexpr (is_diffusive<Density>) {
+        if (!diffuses) return;
+        double excess = q.rho[b] - q.rho[a];
+        // Nothing is hydrostatic in material that bears no pressure: without this a falling column would gain
+        // some.
+        if constexpr (std::is_same_v<Density, ContinuityFourtakas2019>)
+          if (q.p[a] > 0 && q.p[b] > 0) excess -= hydrostatic_difference<Dim>(hydrostatic_slope, ab);
+        rate += diffusion * density_diffusion<Dim>(excess, volume, ab);
+      }
+    };
+    for (const std::int32_t i : around.list.interior_of(a)) {
+      const std::size_t b = index(i);
+      if constexpr (has_own_state<Walls>)
+        add(b, wall ? q.velocity(b) - seen_wall_velocity(q, around, walls.B_max, a, b) : q.velocity(b) - v,
+            !wall);
+      else
+        add(b, q.velocity(b) - v, true);
+    }
+    for (const std::int32_t i : around.list.walls_of(a)) {
+      const std::size_t b = index(i);
+      if constexpr (has_own_state<Walls>)
+        add(b, wall ? q.velocity(b) - v : seen_wall_velocity(q, around, walls.B_max, b, a) - v, false);
+      else
+        add(b, q.velocity(b) - v, false);
+    }
+    if constexpr (corrected) {
+      // L_a B_a: sum of dv (x) (B grad W), B being symmetric.
+      if (!wall) {
+        const Gradient<Dim> B = Particles<Dim>::load(q.correction, a);
+        Gradient<Dim> product;
+        for (int i = 0; i < Dim; ++i)
+          for (int j = 0; j < Dim; ++j)
+            for (int k = 0; k < Dim; ++k) product(i, j) += l(i, k) * B(k, j);
+        l = product;
+      }
+    }
+    if constexpr (!is_summed<Density>) {
+      if constexpr (!std::is_same_v<Density, ContinuityMonaghan1994>) rate -= q.rho[a] * l.trace();
+      q.rho_rate[a] = rate;
+    }
+    Particles<Dim>::store(q.l, a, l);
+  });
+}
+
+// ---- walls that are extrapolated (Adami, Hu, Adams 2012)
+/// Velocity that makes the profile vanish, relative to the wall, at its surface; only its normal component if
+/// smooth.
+template <int Dim, class Kernel>
+void wall_velocity_pass(Particles<Dim>& q, const Surroundings<Dim>& around, const Kernel& kernel) {
+  for_particles(q.interior, q.size, [&](std::size_t w) {
+    const Wall<Dim>& wall = wall_of(q, around, w);
+    const Vec<Dim> x = q.position(w);
+    Vec<Dim> mean;
+    double sum = 0;
+    for (const std::int32_t i : around.list.interior_of(w)) {
+      const double weight = weight_of(kernel, around.period, x, q.position(index(i)));
+      mean += weight * q.velocity(index(i));
+      sum += weight;
+    }
+    const Vec<Dim> own = wall.velocity_at(x);
+    Vec<Dim> seen = own;
+    if (sum > 0) {
+      mean *= 1 / sum;
+      const Vec<Dim> relative = mean - own;
+      if (wall.rough && std::isnan(wall.basal_friction)) {
+        seen = own - relative;
+      } else {
+        const Vec<Dim> n = wall.normal(x);
+        seen = mean - 2 * dot(relative, n) * n;
+      }
+    }
+    Particles<Dim>::store(q.v, w, seen);
+  });
+}
+
+/// The part of v that is tangential to a surface with unit normal n.
+template <int Dim>
+[[gnu::always_inline]] inline Vec<Dim> tangential(const Vec<Dim>& v, const Vec<Dim>& n) {
+  return v - dot(v, n) * n;
+}
+/// s . n
+template <int Dim>
+[[gnu::always_inline]] inline Vec<Dim> traction(const Sym<Dim>& s, const Vec<Dim>& n) {
+  Vec<Dim> result;
+  for (int i = 0; i < Dim; ++i)
+    for (int j = 0; j < Dim; ++j) result[i] += s(i, j) * n[j];
+  return result;
+}
+/// Adds t n^T + n t^T, whose traction on n is t for a tangential t.
+template <int Dim>
+[[gnu::always_inline]] inline void add_shear_traction(Sym<Dim>& s, const Vec<Dim>& t, const Vec<Dim>& n) {
+  for (int i = 0; i < Dim; ++i)
+    for (int j = i; j < Dim; ++j) s(i, j) += t[i] * n[j] + n[i] * t[j];
+}
+
+/// Shear traction between a wall with its own friction and the material that slides along it with v: a
+/// Coulomb slider. An elastic material sticks by a spring of stiffness G/h until mu_b p + c is reached;
+/// without elasticity the traction is mu_b p + c in the direction of sliding, mobilised over a rate of g_min.
+/// `before` is the traction a step ago [Pa].
+template <int Dim>
+Vec<Dim> slider(const ElasticReturn& stress, const Vec<Dim>& before, const Vec<Dim>& v, double strength,
+                double h, double dt) {
+  const Vec<Dim> t = before + (stress.G / h * dt) * v;
+  const double size = norm(t);
+  return size > strength ? (strength / size) * t : t;
+}
+template <int Dim>
+Vec<Dim> slider(const DirectStress& stress, const Vec<Dim>&, const Vec<Dim>& v, double strength, double h,
+                double) {
+  return (strength / std::max(norm(v), stress.gamma_dot_min * h)) * v;
+}
+
+/// Pressure and stress of wall particles from the material in their reach. Adami's walls take both, the
+/// pressure with the weight of what lies between, unless they have a friction of their own; a partly slipping
+/// wall keeps its own pressure and mixes the stress.
+template <int Dim, class Kernel, class Walls, class Stress>
+void wall_stress_pass(Particles<Dim>& q, const Surroundings<Dim>& around, const Kernel& kernel,
+                      const Walls& part, const Stress& stress, const EquationOfState& eos,
+                      const Vec<Dim>& gravity, double cohesion, double dt) {
+  for_particles(q.interior, q.size, [&](std::size_t w) {
+    const Wall<Dim>& wall = wall_of(q, around, w);
+    const Vec<Dim> x = q.position(w);
+    double sum = 0;
+    double p_sum = 0;
+    double rho0_sum = 0;
+    Vec<Dim> moment;  // sum of rho (x_w - x_b) W
+    Sym<Dim> s_sum;
+    for (const std::int32_t i : around.list.interior_of(w)) {
+      const std::size_t b = index(i);
+      const Vec<Dim> r = around.period.shortest(x - q.position(b));
+      const double weight = kernel(norm(r)).w;
+      sum += weight;
+      Sym<Dim> s = q.deviator(b);
+      s_sum += (s *= weight);
+      if constexpr (!has_own_state<Walls>) {
+        p_sum += weight * q.p[b];
+        moment += (weight * q.rho[b]) * r;
+        if (!q.rho0.empty()) rho0_sum += weight * q.rho0[b];
+      }
+    }
+    if constexpr (has_own_state<Walls>) {
+      if (!(sum > 0)) return;
+      Sym<Dim> s = q.deviator(w);
+      s *= 1 - part.share;
+      s_sum *= part.share / sum;
+      s += s_sum;
+      if (!std::isnan(wall.basal_friction))
+        s *= basal_limit(wall.basal_friction, 0, q.p[w], cohesion, equivalent_stress(s));
+      q.set_deviator(w, s);
+    } else {
+      double p = 0;
+      Sym<Dim> s;
+      if (sum > 0) {
+        // Only gravity normal to the wall is carried by it; an accelerated wall is not allowed for.
+        const Vec<Dim> n = wall.normal(x);
+        p = std::max((p_sum + dot(gravity, n) * dot(moment, n)) / sum, 0.0);
+        if (!std::isnan(wall.basal_friction)) {
+          const Vec<Dim> sliding = tangential(q.velocity(w) - wall.velocity_at(x), n);
+          const Vec<Dim> before = tangential(traction(q.deviator(w), n), n);
+          const double strength = p > 0 ? wall.basal_friction * p + cohesion : 0;
+          add_shear_traction(s, slider(stress, before, sliding, strength, kernel.h(), dt), n);
+        } else if (p_sum > 0) {
+          s = s_sum;
+          s *= p / p_sum;
+        }
+      }
+      q.p[w] = p;
+      q.rho[w] = eos.density(p) * (rho0_sum > 0 ? rho0_sum / sum / eos.rho0 : 1);
+      q.set_deviator(w, s);
+    }
+  });
+}
+
+// ---- momentum
+/// Which features of walls the momentum pass has to know: each costs only where it is used.
+struct WallForces {
+  bool basal = false;    ///< some wall has a basal friction
+  bool sliders = false;  ///< and it is one of Adami's, whose shear traction is the wall's
+  bool smooth = false;   ///< some wall is frictionless
+  bool moving = false;   ///< some wall moves, and does work
+};
+/// What the pass adds up [W]: what damping dissipates, what moving walls put in, what sliding on walls with a
+/// friction of their own dissipates.
+struct MomentumSums {
+  double damping = 0;
+  double walls = 0;
+  double sliding = 0;
+};
+
+/// Eq. 5.20 (given; the print lost m_b) plus what damping adds: into a.
+template <int Dim, class Kernel, class Damping, class Correction, class Stress>
+MomentumSums momentum_pass(Particles<Dim>& q, const Surroundings<Dim>& around, const Kernel& kernel,
+                           const Damping& damping, const Correction&, const Stress& stress,
+                           const Vec<Dim>& gravity, double c0, double cohesion, WallForces wall_forces) {
+  constexpr bool corrected = std::is_same_v<Correction, BonetLok1999>;
+  constexpr bool damped = !std::is_same_v<Damping, NoDamping>;
+  const auto sums = sum_over<3>(0, q.interior, [&](std::size_t a, std::array<double, 3>& power) {
+    const Vec<Dim> x = q.position(a);
+    const Vec<Dim> v = q.velocity(a);
+    const Sym<Dim> own = stress_over_density_squared(q.deviator(a), q.p[a], q.rho[a]);
+    Gradient<Dim> B_a;
+    if constexpr (corrected) B_a = Particles<Dim>::load(q.correction, a);
+    Vec<Dim> acceleration = gravity;
+    for (const std::int32_t i : around.list.interior_of(a)) {
+      const std::size_t b = index(i);
+      const Pair<Dim> ab = pair_of(kernel, around.period, x, q.position(b));
+      Sym<Dim> other = stress_over_density_squared(q.deviator(b), q.p[b], q.rho[b]);
+      if constexpr (corrected) {
+        add_stress_divergence(acceleration, q.m[b], own, product(B_a, ab.grad_w));
+        add_stress_divergence(acceleration, q.m[b], other,
+                              product(Particles<Dim>::load(q.correction, b), ab.grad_w));
+      } else {
+        other += own;
+        add_stress_divergence(acceleration, q.m[b], other, ab.grad_w);
+      }
+      if constexpr (damped) {
+        const Vec<Dim> difference = v - q.velocity(b);
+        double alpha = damping.alpha;
+        if constexpr (std::is_same_v<Damping, BalsaraDamping>) alpha *= 0.5 * (q.limiter[a] + q.limiter[b]);
+        const double viscous =
+            artificial_viscosity<Dim>(alpha, c0, kernel.h(), 0.5 * (q.rho[a] + q.rho[b]), difference, ab);
+        acceleration -= (q.m[b] * viscous) * ab.grad_w;
+        power[0] += 0.5 * q.m[a] * q.m[b] * viscous * dot(difference, ab.grad_w);
+      }
+    }
+    for (const std::int32_t i : around.list.walls_of(a)) {
+      const std::size_t b = index(i);
+      const Pair<Dim> ab = pair_of(kernel, around.period, x, q.position(b));
+      Sym<Dim> sum = stress_over_density_squared(q.deviator(b), q.p[b], q.rho[b]);
+      const bool basal = wall_forces.basal && !std::isnan(wall_of(q, around, b).basal_friction);
+      if (basal) {
+        const Wall<Dim>& wall = wall_of(q, around, b);
+        Sym<Dim> s = q.deviator(a);
+        if (wall_forces.sliders) {
+          // The particle's own shear traction on the wall gives way to the slider's, in the same ratio to its
+          // pressure, so that the pair's forces have the ratio too.
+          const Vec<Dim> n = wall.normal(x);
+          const double ratio = q.p[b] > 0 ? q.p[a] / q.p[b] : 0;
+          add_shear_traction(s, ratio * traction(q.deviator(b), n) - tangential(traction(s, n), n), n);
+        } else {
+          const double beta = q.beta.empty() ? 0 : q.beta[a];
+          const double tau = equivalent_stress(s);
+          if constexpr (std::is_same_v<Stress, DirectStress>) {
+            // eta |g| = tau, and the strength is eta max(|g|, g_min).
+            const double g = q.gamma_dot[a];
+            const double strength = g > 0 ? tau / g * std::max(g, stress.gamma_dot_min) : 0;
+            s *= basal_factor(wall.basal_friction, beta, q.p[a], cohesion, strength);
+          } else {
+            s *= basal_limit(wall.basal_friction, beta, q.p[a], cohesion, tau);
+          }
+        }
+        sum += stress_over_density_squared(s, q.p[a], q.rho[a]);
+      } else {
+        sum += own;
+      }
+      Vec<Dim> push;
+      add_stress_divergence(push, q.m[b], sum, corrected ? product(B_a, ab.grad_w) : ab.grad_w);
+      if (wall_forces.smooth && !wall_of(q, around, b).rough) {
+        // A frictionless wall pushes along its normal and in no other direction. In the corner of a container
+        // each face has its own: that at the wall particle.
+        const Wall<Dim>& wall = wall_of(q, around, b);
+        const Vec<Dim> n = wall.normal(wall.inside ? q.position(b) : x);
+        push = dot(push, n) * n;
+      }
+      acceleration += push;
+      if (basal) {
+        const Wall<Dim>& wall = wall_of(q, around, b);
+        power[2] -= q.m[a] * dot(tangential(push, wall.normal(x)), v - wall.velocity_at(q.position(b)));
+      }
+      if (wall_forces.moving)
+        power[1] += q.m[a] * dot(push, wall_of(q, around, b).velocity_at(q.position(b)));
+    }
+    Particles<Dim>::store(q.a, a, acceleration);
+  });
+  return {sums[0], sums[1], sums[2]};
+}
+
+// ---- velocity averaging and shifting
+template <int Dim, class Kernel>
+void averaging_pass(Particles<Dim>& q, const Surroundings<Dim>& around, const Kernel& kernel,
+                    double epsilon) {
+  for_particles(0, q.interior, [&](std::size_t a) {
+    const Vec<Dim> x = q.position(a);
+    const Vec<Dim> v = q.velocity(a);
+    Vec<Dim> sum;
+    for (const std::int32_t i : around.list.interior_of(a)) {
+      const std::size_t b = index(i);
+      add_averaged_velocity(sum, q.m[b], 0.5 * (q.rho[a] + q.rho[b]), q.velocity(b) - v,
+                            weight_of(kernel, around.period, x, q.position(b)));
+    }
+    Particles<Dim>::store(q.averaged, a, epsilon * sum);
+  });
+}
+
+/// Shifts of Sun et al. (2017) over one step: -4 h U dt grad C, U the largest speed (their CFL Ma (2h)^2
+/// written with the step), not more than `largest`. Where lambda < 0.75 a particle belongs to the surface's
+/// region and is shifted only along it, the normal being the gradient of lambda; below 0.4 it is spray and
+/// not shifted.
+template <int Dim, class Kernel>
+void shifting_pass(const Particles<Dim>& q, const Surroundings<Dim>& around, const Kernel& kernel, double dx,
+                   double U_dt, double largest, std::array<Column, static_cast<std::size_t>(Dim)>& shift) {
+  const double w_of_dx = kernel(dx).w;
+  for_particles(0, q.interior, [&](std::size_t a) {
+    const Vec<Dim> x = q.position(a);
+    Vec<Dim> concentration;
+    Vec<Dim> lambda_gradient;
+    for (const std::int32_t i : around.list.all_of(a)) {
+      const std::size_t b = index(i);
+      const Pair<Dim> ab = pair_of(kernel, around.period, x, q.position(b));
+      const double volume = q.m[b] / q.rho[b];
+      add_concentration_gradient(concentration, volume, w_of_dx, ab);
+      const double lambda_b = b < q.interior ? q.lambda[b] : 1.0;  // walls are no surface
+      lambda_gradient += (volume * (lambda_b - q.lambda[a])) * ab.grad_w;
+    }
+    Vec<Dim> d = (-4 * kernel.h() * U_dt) * concentration;
+    if (q.lambda[a] < 0.75) {
+      const double size = norm(lambda_gradient);
+      if (q.lambda[a] < 0.4 || !(size > 0)) {
+        d *= 0;
+      } else {
+        const Vec<Dim> n = (1 / size) * lambda_gradient;
+        d -= dot(d, n) * n;
+      }
+    }
+    const double length = norm(d);
+    if (length > largest) d *= largest / length;
+    Particles<Dim>::store(shift, a, d);
+  });
+}
+
+}  // namespace dem2sph
