@@ -199,37 +199,6 @@ void gradient_pass(Particles<Dim>& q, const Surroundings<Dim>& around, const Ker
   });
 }
 
-// ---- walls that are extrapolated (Adami, Hu, Adams 2012)
-/// Velocity that makes the profile vanish, relative to the wall, at its surface; only its normal component if
-/// smooth.
-template <int Dim, class Kernel>
-void wall_velocity_pass(Particles<Dim>& q, const Surroundings<Dim>& around, const Kernel& kernel) {
-  for_particles(q.interior, q.size, [&](std::size_t w) {
-    const Wall<Dim>& wall = wall_of(q, around, w);
-    const Vec<Dim> x = q.position(w);
-    Vec<Dim> mean;
-    double sum = 0;
-    for (const std::int32_t i : around.list.interior_of(w)) {
-      const double weight = weight_of(kernel, around.period, x, q.position(index(i)));
-      mean += weight * q.velocity(index(i));
-      sum += weight;
-    }
-    const Vec<Dim> own = wall.velocity_at(x);
-    Vec<Dim> seen = own;
-    if (sum > 0) {
-      mean *= 1 / sum;
-      const Vec<Dim> relative = mean - own;
-      if (wall.rough && std::isnan(wall.basal_friction)) {
-        seen = own - relative;
-      } else {
-        const Vec<Dim> n = wall.normal(x);
-        seen = mean - 2 * dot(relative, n) * n;
-      }
-    }
-    Particles<Dim>::store(q.v, w, seen);
-  });
-}
-
 /// The part of v that is tangential to a surface with unit normal n.
 template <int Dim>
 [[gnu::always_inline]] inline Vec<Dim> tangential(const Vec<Dim>& v, const Vec<Dim>& n) {
@@ -248,6 +217,100 @@ template <int Dim>
 [[gnu::always_inline]] inline void add_shear_traction(Sym<Dim>& s, const Vec<Dim>& t, const Vec<Dim>& n) {
   for (int i = 0; i < Dim; ++i)
     for (int j = i; j < Dim; ++j) s(i, j) += t[i] * n[j] + n[i] * t[j];
+}
+
+/// Which features of walls the passes have to know: each costs only where it is used.
+struct WallForces {
+  bool basal = false;    ///< some wall has a basal friction
+  bool sliders = false;  ///< and it is one of Adami's, whose shear traction is the wall's
+  bool smooth = false;   ///< some wall is frictionless
+  bool moving = false;   ///< some wall moves, and does work
+};
+// ---- smooth walls
+/// The normals of all smooth walls that a wall particle is behind, made orthonormal: in the corner of two it
+/// stands for both. A smooth wall mirrors what is before it and bears no shear.
+template <int Dim>
+struct Normals {
+  std::array<Vec<Dim>, static_cast<std::size_t>(Dim)> n;
+  std::size_t count = 0;
+  /// v reflected in all of their planes.
+  Vec<Dim> reflect(const Vec<Dim>& v) const { return v - 2.0 * project(v); }
+  /// The same of a stress.
+  Sym<Dim> reflect(const Sym<Dim>& s) const {
+    double q[Dim][Dim];
+    for (int j = 0; j < Dim; ++j) {
+      Vec<Dim> axis;
+      axis[j] = 1;
+      const Vec<Dim> image = reflect(axis);
+      for (int i = 0; i < Dim; ++i) q[i][j] = image[i];
+    }
+    return transform(s, q);
+  }
+  /// The part of v along them.
+  Vec<Dim> project(const Vec<Dim>& v) const {
+    Vec<Dim> result;
+    for (std::size_t k = 0; k < count; ++k) result += dot(v, n[k]) * n[k];
+    return result;
+  }
+  /// s without its shear tractions on them. Pressure and normal stresses stay: along the wall they change,
+  /// and what is behind it takes its part in their gradients.
+  Sym<Dim> without_shear(Sym<Dim> s) const {
+    for (std::size_t k = 0; k < count; ++k)
+      add_shear_traction(s, -1.0 * tangential(traction(s, n[k]), n[k]), n[k]);
+    return s;
+  }
+};
+/// `x` is the wall particle, `x_material` where the material is: from outside, the face of an obstacle is the
+/// one that the material sees; in a container each face has its own normal.
+template <int Dim>
+Normals<Dim> smooth_normals(const std::vector<Wall<Dim>>& walls, const Vec<Dim>& x,
+                            const Vec<Dim>& x_material) {
+  Normals<Dim> normals;
+  for (const Wall<Dim>& wall : walls) {
+    if (wall.rough || !(wall.distance(x) < 0) || normals.count == Dim) continue;
+    Vec<Dim> n = wall.normal(wall.inside ? x : x_material);
+    n -= normals.project(n);
+    const double length = norm(n);
+    if (length > 0.1) normals.n[normals.count++] = (1 / length) * n;  // else it is (nearly) one that is there
+  }
+  return normals;
+}
+
+// ---- walls that are extrapolated (Adami, Hu, Adams 2012)
+/// Velocity that makes the profile vanish, relative to the wall, at its surface; only its normal component if
+/// smooth.
+template <int Dim, class Kernel>
+void wall_velocity_pass(Particles<Dim>& q, const Surroundings<Dim>& around, const Kernel& kernel,
+                        const WallForces& forces) {
+  for_particles(q.interior, q.size, [&](std::size_t w) {
+    const Wall<Dim>& wall = wall_of(q, around, w);
+    const Vec<Dim> x = q.position(w);
+    Vec<Dim> mean;
+    double sum = 0;
+    for (const std::int32_t i : around.list.interior_of(w)) {
+      const double weight = weight_of(kernel, around.period, x, q.position(index(i)));
+      mean += weight * q.velocity(index(i));
+      sum += weight;
+    }
+    const Vec<Dim> own = wall.velocity_at(x);
+    Vec<Dim> seen = own;
+    if (sum > 0) {
+      mean *= 1 / sum;
+      Vec<Dim> relative = mean - own;
+      // Behind a smooth wall there is the mirror image of the material, behind a rough one its opposite;
+      // where material may slide along a rough wall, only the normal component is opposed.
+      if (forces.smooth) relative = smooth_normals(around.walls, x, x).reflect(relative);
+      if (wall.rough && std::isnan(wall.basal_friction)) {
+        seen = own - relative;
+      } else if (wall.rough) {
+        const Vec<Dim> n = wall.normal(x);
+        seen = own + relative - 2 * dot(relative, n) * n;
+      } else {
+        seen = own + relative;
+      }
+    }
+    Particles<Dim>::store(q.v, w, seen);
+  });
 }
 
 /// Shear traction between a wall with its own friction and the material that slides along it with v: a
@@ -273,7 +336,7 @@ Vec<Dim> slider(const DirectStress& stress, const Vec<Dim>&, const Vec<Dim>& v, 
 template <int Dim, class Kernel, class Walls, class Stress>
 void wall_stress_pass(Particles<Dim>& q, const Surroundings<Dim>& around, const Kernel& kernel,
                       const Walls& part, const Stress& stress, const EquationOfState& eos,
-                      const Vec<Dim>& gravity, double cohesion, double dt) {
+                      const Vec<Dim>& gravity, double cohesion, double dt, const WallForces& forces) {
   for_particles(q.interior, q.size, [&](std::size_t w) {
     const Wall<Dim>& wall = wall_of(q, around, w);
     const Vec<Dim> x = q.position(w);
@@ -319,6 +382,7 @@ void wall_stress_pass(Particles<Dim>& q, const Surroundings<Dim>& around, const 
         } else if (p_sum > 0) {
           s = s_sum;
           s *= p / p_sum;
+          if (forces.smooth && wall.rough) s = smooth_normals(around.walls, x, x).reflect(s);
         }
       }
       q.p[w] = p;
@@ -329,13 +393,6 @@ void wall_stress_pass(Particles<Dim>& q, const Surroundings<Dim>& around, const 
 }
 
 // ---- momentum
-/// Which features of walls the momentum pass has to know: each costs only where it is used.
-struct WallForces {
-  bool basal = false;    ///< some wall has a basal friction
-  bool sliders = false;  ///< and it is one of Adami's, whose shear traction is the wall's
-  bool smooth = false;   ///< some wall is frictionless
-  bool moving = false;   ///< some wall moves, and does work
-};
 /// What the pass adds up [W]: what damping dissipates, what moving walls put in, what sliding on walls with a
 /// friction of their own dissipates.
 struct MomentumSums {
@@ -384,6 +441,7 @@ MomentumSums momentum_pass(Particles<Dim>& q, const Surroundings<Dim>& around, c
       const std::size_t b = index(i);
       const Pair<Dim> ab = pair_of(kernel, around.period, x, q.position(b));
       Sym<Dim> sum = stress_over_density_squared(q.deviator(b), q.p[b], q.rho[b]);
+      const bool smooth = wall_forces.smooth && !wall_of(q, around, b).rough;
       const bool basal = wall_forces.basal && !std::isnan(wall_of(q, around, b).basal_friction);
       if (basal) {
         const Wall<Dim>& wall = wall_of(q, around, b);
@@ -409,16 +467,10 @@ MomentumSums momentum_pass(Particles<Dim>& q, const Surroundings<Dim>& around, c
         sum += stress_over_density_squared(s, q.p[a], q.rho[a]);
       } else {
         sum += own;
+        if (smooth) sum = smooth_normals(around.walls, q.position(b), x).without_shear(sum);
       }
       Vec<Dim> push;
       add_stress_divergence(push, q.m[b], sum, corrected ? product(B_a, ab.grad_w) : ab.grad_w);
-      if (wall_forces.smooth && !wall_of(q, around, b).rough) {
-        // A frictionless wall pushes along its normal and in no other direction. In the corner of a container
-        // each face has its own: that at the wall particle.
-        const Wall<Dim>& wall = wall_of(q, around, b);
-        const Vec<Dim> n = wall.normal(wall.inside ? q.position(b) : x);
-        push = dot(push, n) * n;
-      }
       acceleration += push;
       if (basal) {
         const Wall<Dim>& wall = wall_of(q, around, b);

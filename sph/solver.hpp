@@ -389,7 +389,7 @@ class Solver final : public Flow {
     const double hydrostatic_slope = setup_.eos.rho0 * setup_.gravity[Dim - 1] / (c0 * c0);
     sum_density();
     if (!own_wall_state())
-      with_kernel([&](const auto& kernel) { wall_velocity_pass(q_, around(), kernel); });
+      with_kernel([&](const auto& kernel) { wall_velocity_pass(q_, around(), kernel, wall_forces_); });
     else if (wall_forces_.moving)
       set_wall_velocity();
     if (corrected()) with_kernel([&](const auto& kernel) { moment_pass(q_, around(), kernel); });
@@ -419,7 +419,7 @@ class Solver final : public Flow {
         [&]<class K, class W, class T>(const K& kernel, const W& walls, const T& stress) {
           if constexpr (W::extrapolates_stress)
             wall_stress_pass(q_, around(), kernel, walls, stress, setup_.eos, setup_.gravity, setup_.cohesion,
-                             dt);
+                             dt, wall_forces_);
         },
         kernel_, parts_.walls, parts_.stress);
     const MomentumSums power = std::visit(

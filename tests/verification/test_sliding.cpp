@@ -63,13 +63,16 @@ TEST(Sliding, SmoothFloor) {
     const double two = slide<2>({"flow.formulation=" + formulation}, 0, true, 0, 0.1).acceleration;
     const double three = slide<3>({"flow.formulation=" + formulation}, 0, true, 0, 0.01).acceleration;
     std::printf("smooth %s: %.3e %.3e\n", formulation.c_str(), two / exact - 1, three / exact - 1);
+    // No shear traction acts on a smooth wall; what is left is that its surface is a row of particles, over
+    // whose spacing the block's rows go up and down. Along the way that averages out, but for the part of a
+    // spacing at its end: 2e-3 is twice what the spacing of 10 rows leaves after 1.7 cm.
+    const double bar = 2e-3;
     record("sliding", formulation, "2D, smooth floor: acceleration over g sin(theta) - 1", two / exact - 1,
-           1e-6, "1");
+           bar, "1");
     record("sliding", formulation, "3D, smooth floor: acceleration over g sin(theta) - 1", three / exact - 1,
-           1e-6, "1");
-    // Rounding of a sum in which all pairs cancel.
-    EXPECT_NEAR(two / exact, 1, 1e-6);
-    EXPECT_NEAR(three / exact, 1, 1e-6);
+           bar, "1");
+    EXPECT_NEAR(two / exact, 1, bar);
+    EXPECT_NEAR(three / exact, 1, bar);
   }
 }
 
