@@ -16,7 +16,8 @@ struct StateSums {
   double sheared = 0;   ///< dissipated by plastic or viscous shear
   double diffused = 0;  ///< that density diffusion (and what a density's own sum has beyond -rho tr(L)) put
                         ///< into compression (negative: took)
-  double cut_off = 0;   ///< elastic shear energy that was lost where material came apart
+  double cut_off = 0;   ///< elastic energy that was lost where material came apart
+  double swollen = 0;   ///< that a change of rho0 put into compression: what dilation against pressure stores
 };
 
 /// What the constitutive pass needs beside the particle.
@@ -41,13 +42,14 @@ double strength_in_tension(const Law& law, double p, double cohesion) {
   return strength < 0 ? 0 : strength;
 }
 
-/// Stress of one particle at pressure p from its velocity gradient. Writes stress, gamma_dot and what
-/// dilation keeps; returns the energy that shear dissipates [J/m^3] and that a cut-off loses.
+/// Energy that leaves with one particle's stress [J/m^3]: by shear, and by a cut-off.
 struct Dissipation {
   double sheared = 0;
   double cut_off = 0;
 };
 
+/// Stress of one particle at pressure p from its velocity gradient. Writes stress, gamma_dot and what
+/// dilation keeps.
 template <int Dim, class Stress, class Law, class Dilation>
 Dissipation update_stress(Particles<Dim>& q, std::size_t a, const Stress& stress, const Law& law,
                           const Dilation& dilation, const StateInput& in) {
@@ -93,7 +95,10 @@ Dissipation update_stress(Particles<Dim>& q, std::size_t a, const Stress& stress
     return strength_of(steady_friction(law, g * to_I, g) + beta_at(g), p, in.cohesion);
   };
   const auto finish = [&](double g) {  // the state at the end of the increment
-    if (p < 0) return;
+    if (p < 0) {
+      keep_beta(0);
+      return;
+    }
     if constexpr (has_dilation_state<Dilation>) {
       const auto end = evolved(g);
       q.dilation_state[a] = end.state.value;
@@ -147,14 +152,21 @@ StateSums state_pass(Particles<Dim>& q, std::size_t begin, std::size_t end, cons
   constexpr bool elastic = std::is_same_v<Stress, ElasticReturn>;
   const bool own_rho0 = !q.rho0.empty();
   const bool continuity = !q.rho_rate.empty();
-  const auto sums = sum_over<3>(begin, end, [&](std::size_t a, std::array<double, 3>& sum) {
+  const auto sums = sum_over<4>(begin, end, [&](std::size_t a, std::array<double, 4>& sum) {
     if (continuity) {
       const double from_flow = -q.rho[a] * Particles<Dim>::load(q.l, a).trace();
       sum[1] += q.m[a] * q.p[a] / (q.rho[a] * q.rho[a]) * (q.rho_rate[a] - from_flow) * in.dt;
       q.rho[a] += in.dt * q.rho_rate[a];
     }
-    if (in.rho_s > 0 && a < q.interior) q.rho0[a] = q.dilation_state[a] * in.rho_s;
-    q.p[a] = eos.pressure(q.rho[a], own_rho0 ? q.rho0[a] : eos.rho0);
+    if (in.rho_s > 0) {  // swelling
+      const double before = eos.energy(q.rho[a], q.rho0[a]);
+      q.rho0[a] = q.dilation_state[a] * in.rho_s;
+      sum[3] += q.m[a] * (eos.energy(q.rho[a], q.rho0[a]) - before);
+    }
+    const double rho0 = own_rho0 ? q.rho0[a] : eos.rho0;
+    const bool pulled = q.p[a] < 0;
+    q.p[a] = eos.pressure(q.rho[a], rho0);
+    if (pulled && q.p[a] == 0 && q.rho[a] < rho0) sum[2] += q.m[a] * eos.energy_in_tension(rho0);
     // Before the first step there is no increment of strain: an elastic stress is what it was.
     if (elastic && in.dt == 0) return;
     const Dissipation d = update_stress(q, a, stress, law, dilation, in);
@@ -162,7 +174,7 @@ StateSums state_pass(Particles<Dim>& q, std::size_t begin, std::size_t end, cons
     sum[0] += volume * d.sheared;
     sum[2] += volume * d.cut_off;
   });
-  return {sums[0], sums[1], sums[2]};
+  return {sums[0], sums[1], sums[2], sums[3]};
 }
 
 }  // namespace dem2sph

@@ -33,8 +33,9 @@ struct Budgets {
   double sheared = 0;                ///< [J], by plastic or viscous shear
   double damped = 0;                 ///< [J], by artificial viscosity
   double cut_off = 0;        ///< [J], lost where material came apart or met a wall as single particles
-  double slid = 0;           ///< [J], by sliding on walls with a basal friction
+  double slid = 0;           ///< [J], on walls that slide (basal friction, adami_2012), the spring included
   double diffused = 0;       ///< [J], put into compression by density diffusion since t = 0
+  double swollen = 0;        ///< [J], put into compression by rho0 following phi since t = 0
   double from_walls = 0;     ///< [J], put in by moving walls since t = 0
   double flowing = 0;        ///< mass that shears under pressure [kg]
   double outside_data = 0;   ///< of it, at an I outside the range of the law's data [kg]
@@ -50,7 +51,7 @@ struct Budgets {
     const double before = earlier.kinetic + earlier.potential + earlier.elastic;
     const double now = kinetic + potential + elastic;
     return before - now - (dissipated - earlier.dissipated) + (diffused - earlier.diffused) +
-           (from_walls - earlier.from_walls);
+           (swollen - earlier.swollen) + (from_walls - earlier.from_walls);
   }
 };
 

@@ -2,6 +2,11 @@
 // contributes is in terms.hpp; what a particle does with the sums is in constitutive.hpp.
 #pragma once
 
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <type_traits>
+
 #include "sph/base/geometry.hpp"
 #include "sph/equation_of_state.hpp"
 #include "sph/kernel.hpp"
@@ -142,6 +147,7 @@ void gradient_pass(Particles<Dim>& q, const Surroundings<Dim>& around, const Ker
     return 0.0;
   }();
   const std::size_t count = has_own_state<Walls> ? q.size : q.interior;
+  [[maybe_unused]] const bool own_rho0 = !q.rho0.empty();
   for_particles(0, count, [&](std::size_t a) {
     const Vec<Dim> x = q.position(a);
     const Vec<Dim> v = q.velocity(a);
@@ -158,6 +164,7 @@ void gradient_pass(Particles<Dim>& q, const Surroundings<Dim>& around, const Ker
       if constexpr (is_diffusive<Density>) {
         if (!diffuses) return;
         double excess = q.rho[b] - q.rho[a];
+        if (own_rho0) excess -= q.rho0[b] - q.rho0[a];  // at equal pressure nothing diffuses
         // Nothing is hydrostatic in material that bears no pressure: without this a falling column would gain
         // some.
         if constexpr (std::is_same_v<Density, ContinuityFourtakas2019>)
@@ -184,11 +191,11 @@ void gradient_pass(Particles<Dim>& q, const Surroundings<Dim>& around, const Ker
       // L_a B_a: sum of dv (x) (B grad W), B being symmetric.
       if (!wall) {
         const Gradient<Dim> B = Particles<Dim>::load(q.correction, a);
-        Gradient<Dim> product;
+        Gradient<Dim> exact;
         for (int i = 0; i < Dim; ++i)
           for (int j = 0; j < Dim; ++j)
-            for (int k = 0; k < Dim; ++k) product(i, j) += l(i, k) * B(k, j);
-        l = product;
+            for (int k = 0; k < Dim; ++k) exact(i, j) += l(i, k) * B(k, j);
+        l = exact;
       }
     }
     if constexpr (!is_summed<Density>) {
@@ -322,7 +329,7 @@ Vec<Dim> slider(const ElasticReturn& stress, const Vec<Dim>& before, const Vec<D
                 double h, double dt) {
   const Vec<Dim> t = before + (stress.G / h * dt) * v;
   const double size = norm(t);
-  return size > strength ? (strength / size) * t : t;
+  return size <= strength ? t : (strength / size) * t;  // a NaN stays one
 }
 template <int Dim>
 Vec<Dim> slider(const DirectStress& stress, const Vec<Dim>&, const Vec<Dim>& v, double strength, double h,
@@ -336,13 +343,13 @@ Vec<Dim> slider(const DirectStress& stress, const Vec<Dim>&, const Vec<Dim>& v, 
 template <int Dim, class Kernel, class Walls, class Stress>
 void wall_stress_pass(Particles<Dim>& q, const Surroundings<Dim>& around, const Kernel& kernel,
                       const Walls& part, const Stress& stress, const EquationOfState& eos,
-                      const Vec<Dim>& gravity, double cohesion, double dt, const WallForces& forces) {
+                      const Vec<Dim>& gravity, double cohesion, double mu_at_rest, double dt,
+                      const WallForces& forces) {
   for_particles(q.interior, q.size, [&](std::size_t w) {
     const Wall<Dim>& wall = wall_of(q, around, w);
     const Vec<Dim> x = q.position(w);
     double sum = 0;
     double p_sum = 0;
-    double rho0_sum = 0;
     Vec<Dim> moment;  // sum of rho (x_w - x_b) W
     Sym<Dim> s_sum;
     for (const std::int32_t i : around.list.interior_of(w)) {
@@ -355,7 +362,6 @@ void wall_stress_pass(Particles<Dim>& q, const Surroundings<Dim>& around, const 
       if constexpr (!has_own_state<Walls>) {
         p_sum += weight * q.p[b];
         moment += (weight * q.rho[b]) * r;
-        if (!q.rho0.empty()) rho0_sum += weight * q.rho0[b];
       }
     }
     if constexpr (has_own_state<Walls>) {
@@ -380,13 +386,14 @@ void wall_stress_pass(Particles<Dim>& q, const Surroundings<Dim>& around, const 
           const double strength = p > 0 ? wall.basal_friction * p + cohesion : 0;
           add_shear_traction(s, slider(stress, before, sliding, strength, kernel.h(), dt), n);
         } else if (p_sum > 0) {
+          // In the ratio of the strengths at rest: without cohesion that of the pressures.
           s = s_sum;
-          s *= p / p_sum;
+          s *= cohesion > 0 ? (mu_at_rest * p + cohesion) / (mu_at_rest * p_sum + cohesion * sum) : p / p_sum;
           if (forces.smooth && wall.rough) s = smooth_normals(around.walls, x, x).reflect(s);
         }
       }
       q.p[w] = p;
-      q.rho[w] = eos.density(p) * (rho0_sum > 0 ? rho0_sum / sum / eos.rho0 : 1);
+      q.rho[w] = eos.density(p);  // of its own volume, whatever room swollen material takes
       q.set_deviator(w, s);
     }
   });
@@ -450,7 +457,9 @@ MomentumSums momentum_pass(Particles<Dim>& q, const Surroundings<Dim>& around, c
           // The particle's own shear traction on the wall gives way to the slider's, in the same ratio to its
           // pressure, so that the pair's forces have the ratio too.
           const Vec<Dim> n = wall.normal(x);
-          const double ratio = q.p[b] > 0 ? q.p[a] / q.p[b] : 0;
+          const double of_wall = wall.basal_friction * q.p[b] + cohesion;
+          const double of_particle = q.p[a] > 0 ? wall.basal_friction * q.p[a] + cohesion : 0;
+          const double ratio = q.p[b] > 0 && of_wall > 0 ? of_particle / of_wall : 0;
           add_shear_traction(s, ratio * traction(q.deviator(b), n) - tangential(traction(s, n), n), n);
         } else {
           const double beta = q.beta.empty() ? 0 : q.beta[a];
@@ -472,7 +481,7 @@ MomentumSums momentum_pass(Particles<Dim>& q, const Surroundings<Dim>& around, c
       Vec<Dim> push;
       add_stress_divergence(push, q.m[b], sum, corrected ? product(B_a, ab.grad_w) : ab.grad_w);
       acceleration += push;
-      if (basal) {
+      if (basal && wall_forces.sliders) {
         const Wall<Dim>& wall = wall_of(q, around, b);
         power[2] -= q.m[a] * dot(tangential(push, wall.normal(x)), v - wall.velocity_at(q.position(b)));
       }

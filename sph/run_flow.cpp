@@ -41,10 +41,19 @@ double cpu_seconds() {
 
 json to_json(const Budgets& b, int dim) {
   std::vector<double> momentum(b.momentum.begin(), b.momentum.begin() + dim);
-  return {{"mass", b.mass},           {"momentum", momentum},   {"kinetic", b.kinetic},
-          {"potential", b.potential}, {"elastic", b.elastic},   {"dissipated", b.dissipated},
-          {"sheared", b.sheared},     {"damped", b.damped},     {"cut_off", b.cut_off},
-          {"slid", b.slid},           {"diffused", b.diffused}, {"from_walls", b.from_walls}};
+  return {{"mass", b.mass},
+          {"momentum", momentum},
+          {"kinetic", b.kinetic},
+          {"potential", b.potential},
+          {"elastic", b.elastic},
+          {"dissipated", b.dissipated},
+          {"sheared", b.sheared},
+          {"damped", b.damped},
+          {"cut_off", b.cut_off},
+          {"slid", b.slid},
+          {"swollen", b.swollen},
+          {"diffused", b.diffused},
+          {"from_walls", b.from_walls}};
 }
 
 // What is measured while a flow runs; the part of a run that a checkpoint must carry beside the particles.
@@ -153,6 +162,7 @@ class Run {
     law_hash_ = law_hash(law);
     key_ = sha256(effective_ + law_hash_ + version + git_revision);
     flow_ = make_flow<Dim>(setup_);
+    setup_.particles = {};  // the flow has its own
     choose_threads();
   }
 
@@ -409,8 +419,9 @@ class Run {
     const Budgets b = flow_->budgets();
     const json& before = record_.initial_budgets;
     const double steps = static_cast<double>(flow_->steps());
-    const double unaccounted = record_.initial_energy - b.kinetic - b.potential - b.elastic - b.dissipated +
-                               b.diffused + b.from_walls;
+    Budgets start;
+    start.kinetic = record_.initial_energy;  // all three kinds together
+    const double unaccounted = b.unaccounted_since(start);
     json bounds;
     for (std::size_t k = 0; k < bound_names.size(); ++k) bounds[bound_names[k]] = record_.bounds[k];
     const double tau = std::sqrt(setup_.length_scale / norm(setup_.gravity));
@@ -501,6 +512,7 @@ std::string plan(const CaseFile& file, const LawFile& law) {
   FlowSetup<Dim> setup = make_setup<Dim>(file, law);
   const double end = setup.end_time;
   const double dx = setup.dx;
+  const FrictionLaw friction = setup.parts.friction;
   const ElasticReturn* elastic = std::get_if<ElasticReturn>(&setup.parts.stress);
   const double step_estimate =
       0.25 * setup.h * setup.step_factor /
@@ -523,6 +535,8 @@ std::string plan(const CaseFile& file, const LawFile& law) {
   }
   text += fmt::format("                 {:>6.1f}  list of neighbours\n",
                       static_cast<double>(listed) / static_cast<double>(flow->particles()));
+  if (!std::visit([](const auto& member) { return member.has_yield_stress; }, friction))
+    text += "  note           this friction law has no yield stress at rest: what should stand creeps\n";
   const PassList list = flow->passes();
   for (const std::string& pass : list.passes) text += fmt::format("  each step      {}\n", pass);
   for (const std::string& part : list.left_out) text += fmt::format("  left out       {}\n", part);

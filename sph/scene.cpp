@@ -2,9 +2,12 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <map>
 #include <optional>
+#include <stdexcept>
+#include <variant>
 
 #include "sph/base/errors.hpp"
 #include "sph/material.hpp"
@@ -255,6 +258,9 @@ Scene<Dim> column_scene(const Section& sizes, const Lattice& lattice, FlowSetup<
   const double top = lattice.length(lattice.rows);
   // Walls reach `layers` beyond the domain.
   const double end = lattice.length(static_cast<long>(count(floor, lattice.dx)) - lattice.layers);
+  if (end < setup.initial_length)
+    sizes.refuse("floor_length",
+                 "\"floor_length\" must reach beyond the column by more than the walls' layers");
   setup.floor_end = end;
   g.high = at<Dim>(end, cylinder ? end : 0, top + lattice.length(lattice.layers));
   g.walls = {plane<Dim>("floor", at<Dim>(0, 0, 1), true), plane<Dim>("back wall", at<Dim>(1, 0, 0), false)};
@@ -332,7 +338,10 @@ Scene<Dim> geometry_scene(const CaseFile& file) {
     scene.height = std::max(scene.height, b.high[Dim - 1] - b.low[Dim - 1]);
   for (const Wall<Dim>& wall : scene.geometry.walls)
     scene.velocity_scale =
-        std::max(scene.velocity_scale, norm(wall.velocity) + std::abs(wall.omega) * wall.radius);
+        std::max(scene.velocity_scale,
+                 norm(wall.velocity) +
+                     std::abs(wall.omega) *
+                         (wall.radius > 0 ? wall.radius : norm(scene.geometry.high - scene.geometry.low)));
   return scene;
 }
 
@@ -426,6 +435,8 @@ Parts read_parts(const Section& flow, const LawFile& law, double K) {
             dilation.law.phi_eq = {law.solid_fraction["phi_c"], law.solid_fraction["b"]};
             dilation.law.s_star = law.dilation["s_star"];
             dilation.law.limits = limits;
+            if (std::is_same_v<T, DilationEvolves> && law.dilation.member == "printed")
+              flow.refuse("dilation", "the law gives a gain, which only dilation = \"evolve_printed\" uses");
             if constexpr (std::is_same_v<T, DilationEvolvesPrinted>)
               dilation.law.gain = law.dilation.member == "printed" ? law.dilation["gain"] : 1.0;
           }
@@ -634,7 +645,8 @@ FlowSetup<Dim> make_setup(const CaseFile& file, const LawFile& law) {
     Particles<Dim>::store(q.x, i, x);
     q.id[i] = static_cast<std::int64_t>(i);
     q.wall[i] = inside ? -1 : static_cast<std::int64_t>(points.wall[i - q.interior]);
-    // Interior particles start under the weight of what lies above them, so that nothing bounces at t = 0.
+    // Interior particles start under the weight of what lies above them in their body, so that nothing
+    // bounces at t = 0.
     q.p[i] = inside ? scene.base_pressure - setup.bulk_density * setup.gravity[Dim - 1] *
                                                 scene.geometry.bodies[points.body[i]].depth(x)
                     : 0;
@@ -647,7 +659,7 @@ FlowSetup<Dim> make_setup(const CaseFile& file, const LawFile& law) {
   // ---- how long
   const double end_time = flow.quantity("end_time");
   setup.end_time = std::isnan(end_time) && collapse ? 10 * std::sqrt(height / gravity) : end_time;
-  if (std::isnan(setup.end_time))
+  if (!std::isfinite(setup.end_time))
     flow.refuse("end_time", "lacks the required key \"end_time\" with this scene");
   if (collapse) setup.stop_at_rest = flow.flag("stop_at_rest");
   setup.frames = flow.integer("frames");

@@ -11,12 +11,14 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
-#include <numeric>
+#include <limits>
+#include <variant>
 
 #include "sph/base/errors.hpp"
 #include "sph/base/hdf5_file.hpp"
 #include "sph/constitutive.hpp"
 #include "sph/flow.hpp"
+#include "sph/material.hpp"
 #include "sph/passes.hpp"
 
 namespace dem2sph {
@@ -183,6 +185,7 @@ class Solver final : public Flow {
     b.dissipated = sheared_ + damped_ + cut_off_ + slid_;
     b.diffused = diffused_;
     b.from_walls = from_walls_;
+    b.swollen = swollen_;
     const ElasticReturn* elastic = std::get_if<ElasticReturn>(&parts_.stress);
     for (std::size_t i = 0; i < q_.interior; ++i) {
       const V v = q_.velocity(i);
@@ -273,7 +276,7 @@ class Solver final : public Flow {
     volumes.resize(q_.interior);
     for (std::size_t i = 0; i < q_.interior; ++i) {
       for (std::size_t k = 0; k < Dim; ++k) positions[i][k] = q_.x[k][i];
-      volumes[i] = q_.m[i] / setup_.eos.rho0;
+      volumes[i] = q_.m[i] / (q_.rho0.empty() ? setup_.eos.rho0 : q_.rho0[i]);
     }
   }
 
@@ -314,6 +317,9 @@ class Solver final : public Flow {
     });
     q_.id = file.integers("id", "1");
     q_.wall = file.integers("wall", "1");
+    if (q_.id.size() != q_.size || q_.wall.size() != q_.size)
+      throw InputError(
+          fmt::format("{}: \"id\" or \"wall\" has another length than this case needs", path.string()));
     // The list is that of the positions at its last build, so the next step sees the same pairs in the same
     // order.
     std::swap(q_.x, listed_x_);
@@ -419,7 +425,7 @@ class Solver final : public Flow {
         [&]<class K, class W, class T>(const K& kernel, const W& walls, const T& stress) {
           if constexpr (W::extrapolates_stress)
             wall_stress_pass(q_, around(), kernel, walls, stress, setup_.eos, setup_.gravity, setup_.cohesion,
-                             dt, wall_forces_);
+                             least_friction(parts_.friction), dt, wall_forces_);
         },
         kernel_, parts_.walls, parts_.stress);
     const MomentumSums power = std::visit(
@@ -469,12 +475,17 @@ class Solver final : public Flow {
     sheared_ += sums.sheared;
     diffused_ += sums.diffused;
     cut_off_ += sums.cut_off;
+    swollen_ += sums.swollen;
     if (!own_wall_state()) return;
     // Boundary particles have the material's law, or their basal friction in its place (Eq. 5.7), and no
     // dilation.
     const StateInput of_walls{dt, setup_.grains, setup_.cohesion, 0.0};
     std::visit(
         [&](const auto& stress, const auto& law) {
+          if (!wall_forces_.basal) {
+            state_pass(q_, q_.interior, q_.size, setup_.eos, stress, law, NoDilation{}, of_walls);
+            return;
+          }
           for (std::size_t w = q_.interior; w < q_.size;) {
             std::size_t end = w;  // a run of particles of one wall
             while (end < q_.size && q_.wall[end] == q_.wall[w]) ++end;
@@ -513,6 +524,7 @@ class Solver final : public Flow {
     f("diffused", diffused_);
     f("from_walls", from_walls_);
     f("slid", slid_);
+    f("swollen", swollen_);
     for (std::size_t k = 0; k < setup_.walls.size(); ++k)
       for (int i = 0; i < Dim; ++i) {
         f(fmt::format("wall_{}_point_{}", k, i).c_str(), setup_.walls[k].point[i]);
@@ -591,6 +603,10 @@ class Solver final : public Flow {
                           steps_, q_.id[i]));
     throw NumericalError(fmt::format("step {}: a particle has left the range of numbers", steps_));
   }
+  bool over_the_end(const V& x) const {
+    return setup_.floor_end > 0 &&
+           (x[0] > setup_.floor_end || (setup_.axisymmetric && x[1] > setup_.floor_end));
+  }
   /// No particle passes a wall, ever: one whose centre lies behind a wall's surface ends the run.
   void check_particles() const {
     std::size_t passed = 0;
@@ -600,7 +616,7 @@ class Solver final : public Flow {
       const V x = q_.position(i);
       for (const Wall<Dim>& wall : setup_.walls)
         if (!(wall.distance(x) >= 0)) ++passed;
-      if (setup_.floor_end > 0 && x[0] > setup_.floor_end) ++fallen;
+      if (over_the_end(x)) ++fallen;
     }
     if (passed == 0 && fallen == 0) return;
     for (std::size_t i = 0; i < q_.interior; ++i) {
@@ -612,7 +628,7 @@ class Solver final : public Flow {
               "step {}: particle {} has passed the wall \"{}\" (its centre is {:g} dx behind it; {} in "
               "all); use a larger sound speed (a smaller flow.mach) or a smaller flow.step_factor",
               steps_, q_.id[i], wall.name, -wall.distance(x) / setup_.dx, passed));
-      if (setup_.floor_end > 0 && x[0] > setup_.floor_end)
+      if (over_the_end(x))
         throw NumericalError(fmt::format(
             "step {}: particle {} has run over the end of the floor at x = {:g} m ({} in all); use a "
             "larger column.floor_length",
@@ -623,33 +639,56 @@ class Solver final : public Flow {
   // ---- time
   void kick_and_drift(double dt) {
     const bool averaged = !q_.averaged[0].empty();
-    const auto lost = sum_over<1>(0, q_.interior, [&](std::size_t i, std::array<double, 1>& sum) {
+    const auto sums = sum_over<2>(0, q_.interior, [&](std::size_t i, std::array<double, 2>& sum) {
       for (std::size_t k = 0; k < Dim; ++k) q_.v[k][i] += 0.5 * dt * q_.a[k][i];
-      sum[0] += stop_at_walls(i);
-      for (std::size_t k = 0; k < Dim; ++k)
-        q_.x[k][i] += dt * (q_.v[k][i] + (averaged ? q_.averaged[k][i] : 0.0));
+      V transport = averaged ? Particles<Dim>::load(q_.averaged, i) : V{};
+      const bool near = stop_at_walls(i, transport, sum);
+      for (std::size_t k = 0; k < Dim; ++k) q_.x[k][i] += dt * (q_.v[k][i] + transport.c[k]);
+      if (near) keep_off_walls(i);
     });
-    cut_off_ += lost[0];
+    cut_off_ += sums[0];
+    from_walls_ += sums[1];
   }
   /// What comes nearer to a wall than a quarter of a spacing touches it with grains, not with the pressure of
-  /// a continuum (material at rest keeps half a spacing): of its velocity into the wall a share is taken that
-  /// grows to 1 at the surface. Returns the energy that is lost [J].
-  double stop_at_walls(std::size_t i) {
+  /// a continuum (material at rest keeps half a spacing): its speed into the wall is limited to half the
+  /// speed of sound at that distance, and falls in proportion to zero at the surface. So nothing that moves
+  /// slower than sound gets through, whatever the step. Adds the energy that is lost, and what a moving wall
+  /// puts in, to `sum` [J]. True if some wall is near.
+  bool stop_at_walls(std::size_t i, V& transport, std::array<double, 2>& sum) {
     const double reach = 0.25 * setup_.dx;
     const V x = q_.position(i);
-    double lost = 0;
+    bool near = false;
     for (const Wall<Dim>& wall : setup_.walls) {
       const double d = wall.distance(x);
       if (!(d < reach)) continue;
+      near = true;
       const V n = wall.normal(x);
+      const V of_wall = wall.velocity_at(x);
       const V v = q_.velocity(i);
-      const double into = dot(v - wall.velocity_at(x), n);
-      if (!(into < 0)) continue;
-      const V kept = v - (into * (1 - d / reach)) * n;
-      lost += 0.5 * q_.m[i] * (dot(v, v) - dot(kept, kept));
+      const double into = dot(v - of_wall, n);
+      const double allowed = -0.5 * reference_sound_speed() * std::max(d, 0.0) / reach;
+      const double both = into + dot(transport, n);
+      if (both < allowed) transport -= std::min(dot(transport, n), 0.0) * n;
+      if (!(into < allowed)) continue;
+      const V kept = v + (allowed - into) * n;
+      const double gained = 0.5 * q_.m[i] * (dot(kept, kept) - dot(v, v));
+      const double by_wall = q_.m[i] * dot(kept - v, of_wall);
+      sum[0] += by_wall - gained;
+      sum[1] += by_wall;
       Particles<Dim>::store(q_.v, i, kept);
     }
-    return lost;
+    return near;
+  }
+  /// What slides along a curved wall drifts outwards by the square of its step: within a fiftieth of a
+  /// spacing of the surface it is put back to that distance. What is deeper came with speed, and has passed
+  /// the wall.
+  void keep_off_walls(std::size_t i) {
+    const double least = 0.02 * setup_.dx;
+    for (const Wall<Dim>& wall : setup_.walls) {
+      const V x = q_.position(i);
+      const double d = wall.distance(x);
+      if (d < least && d > -least) Particles<Dim>::store(q_.x, i, x + (least - d) * wall.normal(x));
+    }
   }
   void kick(double dt) {
     for_particles(0, q_.interior, [&](std::size_t i) {
@@ -693,8 +732,7 @@ class Solver final : public Flow {
     const ElasticReturn* elastic = std::get_if<ElasticReturn>(&parts_.stress);
     const DirectStress* direct = std::get_if<DirectStress>(&parts_.stress);
     const double G = elastic ? elastic->G : 0;
-    const double mu_at_rest =
-        std::visit([](const auto& law) { return steady_friction(law, 0.0, 0.0); }, parts_.friction);
+    const double mu_at_rest = least_friction(parts_.friction);
     double largest_c2 = 0;
     double largest_a2 = 0;
     double largest_v2 = 0;
@@ -704,7 +742,8 @@ class Solver final : public Flow {
     reduction(+ : broken)
     for (std::size_t i = 0; i < q_.interior; ++i) {
       // The elastic part stiffens the longitudinal wave.
-      const double c2 = (setup_.eos.bulk_modulus(q_.rho[i]) + 4.0 / 3 * G) / q_.rho[i];
+      const double rho0 = q_.rho0.empty() ? setup_.eos.rho0 : q_.rho0[i];
+      const double c2 = (setup_.eos.bulk_modulus(q_.rho[i], rho0) + 4.0 / 3 * G) / q_.rho[i];
       const V a = q_.acceleration(i);
       const V v = q_.velocity(i);
       largest_c2 = std::max(largest_c2, c2);
@@ -736,7 +775,7 @@ class Solver final : public Flow {
   }
 
   FlowSetup<Dim> setup_;
-  const Parts& parts_ = setup_.parts;
+  const Parts& parts_;  // of setup_
   AnyKernel<Dim> kernel_;
   Particles<Dim> q_;
   WallForces wall_forces_;
@@ -749,6 +788,7 @@ class Solver final : public Flow {
   double diffused_ = 0;
   double from_walls_ = 0;
   double slid_ = 0;
+  double swollen_ = 0;
   double time_ = 0;
   long steps_ = 0;
   double sound_speed_ = 0;

@@ -79,7 +79,7 @@ template <int Dim>
 Vec<Dim> boundary_velocity(const Vec<Dim>& v_interior, const Vec<Dim>& v_wall, double distance_interior,
                            double distance_boundary, double largest_factor) {
   const double ratio = distance_boundary / std::fmax(distance_interior, 1e-300);
-  const double factor = std::fmin(largest_factor, 1 + ratio);
+  const double factor = 1 + ratio > largest_factor ? largest_factor : 1 + ratio;
   return (1 - factor) * v_interior + factor * v_wall;
 }
 
@@ -89,10 +89,12 @@ Vec<Dim> boundary_velocity(const Vec<Dim>& v_interior, const Vec<Dim>& v_wall, d
 /// which tau is the part that the rate of shear has mobilised. An elastic one is cut down to the wall's
 /// strength, since below it nothing slides.
 inline double basal_factor(double mu_b, double beta, double p, double cohesion, double strength) {
-  return strength > 0 ? std::fmax((mu_b + beta) * p + cohesion, 0.0) / strength : 1;
+  const double basal = (mu_b + beta) * p + cohesion;
+  return strength > 0 ? (basal < 0 ? 0 : basal) / strength : 1;
 }
 inline double basal_limit(double mu_b, double beta, double p, double cohesion, double tau) {
-  return std::fmin(basal_factor(mu_b, beta, p, cohesion, tau), 1.0);
+  const double factor = basal_factor(mu_b, beta, p, cohesion, tau);
+  return factor > 1 ? 1 : factor;  // a NaN stays one
 }
 
 /// Velocity averaging (XSPH, Monaghan 1989): the pair's part of what is added to the velocity of transport,

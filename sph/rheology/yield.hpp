@@ -200,12 +200,4 @@ inline double direct_dilation(double trace, double gamma_dot, const DilationLimi
   return gamma_dot <= 0 ? 0 : limits(trace / gamma_dot);
 }
 
-/// Direct viscoplastic stress, Eq. 5.3 (reconstructed): the viscosity eta = (mu p + c)/max(|g|, g_min) [Pa
-/// s], such that the deviatoric stress is 2 eta D'. g_min [1/s] keeps the bound 0.125 h^2 rho/eta of Eq. 5.28
-/// away from zero.
-inline double direct_viscosity(double mu, double p, double cohesion, double gamma_dot, double gamma_dot_min) {
-  return (mu * p + cohesion) /
-         (gamma_dot < gamma_dot_min ? gamma_dot_min : gamma_dot);  // a NaN rate stays one
-}
-
 }  // namespace dem2sph

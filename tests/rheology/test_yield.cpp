@@ -431,22 +431,5 @@ TEST(ReturnByNewton, WithoutAYieldStressItFindsTheCreep) {
   EXPECT_LE(evaluations_in_all / states, 16);
 }
 
-TEST(DirectViscosity, GivesTheStressOfEq53) {
-  // Simple shear at 10/s: 2 eta D' has the equivalent stress mu p + c.
-  Gradient<2> l;
-  l(0, 1) = 10;
-  Sym<2> s = deviator(strain_rate(l));
-  const double rate = shear_rate(s);
-  s *= 2 * direct_viscosity(0.5, 1000, 20, rate, 1e-3);
-  EXPECT_NEAR(equivalent_stress(s), 520, 520 * 8 * eps);
-  // Below g_min the viscosity stays, and the stress goes to zero with the rate.
-  EXPECT_EQ(direct_viscosity(0.5, 1000, 20, 0, 0.1), 520 / 0.1);
-  EXPECT_EQ(direct_viscosity(0.5, 1000, 20, 0.05, 0.1), 520 / 0.1);
-  EXPECT_EQ(direct_viscosity(0.5, 1000, 20, 2, 0.1), 260);
-  EXPECT_TRUE(std::isnan(direct_viscosity(0.5, 1000, 20, nan_value, 0.1)))
-      << "a NaN rate must not become g_min";
-  EXPECT_TRUE(std::isnan(direct_viscosity(nan_value, 1000, 20, 2, 0.1)));
-}
-
 }  // namespace
 }  // namespace dem2sph

@@ -52,5 +52,28 @@ TEST(Incline, EvolvedBetaVanishesInSteadyFlow) {
   EXPECT_NEAR(phi, 0.6 - 0.2 * I, 0.004) << "phi_eq at Bagnold's I";
 }
 
+TEST(Incline, ABedThatDilatesSwells) {
+  // With rho0 = phi rho_s the bed takes the room that its grains need: from phi_c to phi_c - b I at Bagnold's
+  // I its height grows by their ratio, 1.048, and the pressure stays what the weight makes it.
+  const CaseFile file = case_of(incline, {"flow.dilation=evolve", "flow.swelling=true"});
+  const double area = make_setup<2>(file, law_of_case(file)).period.length[0];
+  auto flow = flow_of<2>(file);
+  const double theta = 25 * M_PI / 180;
+  double height = 0;
+  double pressure = 0;  // mean over half of the weight on the area, which it is at the middle of the mass
+  run_until(*flow, 1.0);
+  for (int k = 0; k < 20; ++k) {
+    run_until(*flow, flow->time() + 0.01);
+    const Interior q(flow->frame());
+    height += 2 * mean(q.up) / 20;  // of a bed of even density
+    pressure += mean(q.p) / (0.5 * flow->budgets().mass * 9.81 * std::cos(theta) / area) / 20;
+  }
+  const double I = Bagnold({0.38, 0.64, 0.279}, {0.005, 2500}, 0.6, 9.81, theta).inertial_number;
+  const double swollen = 0.6 / (0.6 - 0.2 * I);
+  // 5 % of the growth, 0.25 % of the height: rows near floor and surface shear at another I.
+  EXPECT_NEAR(height, 0.1 * swollen, 0.05 * 0.1 * (swollen - 1));
+  EXPECT_NEAR(pressure, 1, 0.02) << "what the bed still bounces, over 20 samples";
+}
+
 }  // namespace
 }  // namespace dem2sph

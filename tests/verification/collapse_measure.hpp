@@ -1,7 +1,7 @@
 // A column's collapse, as measured.
 #pragma once
 
-#include <chrono>
+#include <ctime>
 
 #include "sph/base/deposit.hpp"
 #include "sph/base/errors.hpp"

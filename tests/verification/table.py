@@ -7,6 +7,7 @@ Each line of FIGURES is {"test", "formulation", "quantity", "measured", "bar", "
 The tables stand between the lines <!-- verification --> and <!-- /verification -->.
 """
 import json
+import re
 import sys
 
 BEGIN, END = "<!-- verification -->", "<!-- /verification -->"
@@ -31,8 +32,19 @@ def read(path):
     with open(path, encoding="utf-8") as lines:
         for line in lines:
             f = json.loads(line)
+            # A collapse either ends or stops with an error: what it does now replaces what it did before.
+            ends = f["quantity"] == COLLAPSE[0]
+            if ends or f["quantity"].startswith("stopped"):
+                for key in [k for k in figures if k[:2] == (f["test"], f["formulation"]) and
+                            (k[2].startswith("stopped") if ends else k[2] in COLLAPSE)]:
+                    del figures[key]
             figures[(f["test"], f["formulation"], f["quantity"])] = f
     return list(figures.values())
+
+
+def cell(figure):
+    missed = figure["bar"] is not None and not abs(figure["measured"] or float("nan")) <= figure["bar"]
+    return with_unit(figure["measured"], figure["unit"]) + (" **missed**" if missed else "")
 
 
 def collapse_table(figures, title, strip=""):
@@ -54,8 +66,8 @@ def collapse_table(figures, title, strip=""):
         if (test, formulation) in stopped:
             cells = [stopped[(test, formulation)], "", "", "", ""]
         else:
-            cells = [with_unit(values[q]["measured"], values[q]["unit"]) if q in values else "" for q in COLLAPSE]
-        out.append(f"| {test[len(strip):]} | {formulation} | " + " | ".join(cells) + " |")
+            cells = [cell(values[q]) if q in values else "" for q in COLLAPSE]
+        out.append(f"| {test.removeprefix(strip)} | {formulation} | " + " | ".join(cells) + " |")
     return out + [""]
 
 
@@ -68,13 +80,24 @@ def main():
     ids = {id(f) for f in ingredients} | {id(f) for f in collapse}
     rest = [f for f in figures if id(f) not in ids]
     out = [BEGIN, "", "### Against exact solutions and invariants", "",
+           "Of several figures of one kind (dimensions, resolutions, kernels: the count is in brackets) the least and the largest.", "",
            "| test | formulation | quantity | measured | bar |", "|---|---|---|---|---|"]
+    groups = {}
     for f in rest:
-        missed = f["bar"] is not None and f["measured"] is not None and abs(f["measured"]) > abs(f["bar"]) \
-            and "order" not in f["quantity"]
-        bar = "reported" if f["bar"] is None else with_unit(f["bar"], f["unit"]) + (" **missed**" if missed else "")
-        out.append(f"| {f['test']} | {f['formulation']} | {f['quantity']} | "
-                   f"{with_unit(f['measured'], f['unit'])} | {bar} |")
+        # "2D, 20 particles a wavelength: what" is one of many figures of its kind.
+        what = re.sub(r"^.*?[23]D[^:]*: ", "", f["quantity"]).replace(" (no bar)", "")
+        groups.setdefault((f["test"], f["formulation"], what, f["bar"], f["unit"]), []).append(f["measured"])
+    for (test, formulation, what, bar, unit), measured in groups.items():
+        values = [m for m in measured if m is not None]
+        low, high = (min(values), max(values)) if values else (None, None)
+        text = with_unit(low, unit) if low == high else f"{number(low)} to {with_unit(high, unit)} ({len(values)})"
+        if bar is None:
+            bar_text = "reported"
+        else:
+            at_least = "order" in what
+            missed = len(values) < len(measured) or any(m < bar if at_least else abs(m) > abs(bar) for m in values)
+            bar_text = ("at least " if at_least else "") + with_unit(bar, unit) + (" **missed**" if missed else "")
+        out.append(f"| {test} | {formulation} | {what} | {text} | {bar_text} |")
     out.append("")
     out += collapse_table(collapse, "Collapse", "collapse, ")
     out += collapse_table(ingredients, "What each ingredient buys: a = 1, mu = 0.6, H/dx = 40", "ingredient: ")

@@ -17,15 +17,27 @@ InclineResult bagnold(int angle, int resolution, std::vector<std::string> overri
   return measure_incline(case_of(incline, overrides), settle, average);
 }
 
+// At 22 deg the slope is 0.024 above mu_l, so that a stress ratio off by 0.2 % is 3 % of the velocity. That
+// much comes from the normal stress differences of an elastic material in simple shear, tau^2/G, at the
+// default speed of sound of 10 velocity scales (1.032 at H/dx = 20; 1.009 at 20 velocity scales, 1.013 with G
+// = K): there c is doubled.
+std::vector<std::string> with_speed_of_sound(int angle, std::vector<std::string> overrides) {
+  if (angle == 22) overrides.push_back("flow.mach=0.05");
+  return overrides;
+}
+std::string name_of_flow(int angle, int resolution) {
+  return fmt::format("Bagnold, {} deg, H/dx = {}{}", angle, resolution, angle == 22 ? ", Mach 0.05" : "");
+}
+
 TEST(BagnoldLong, Robust) {
   for (const int angle : {22, 25, 28}) {
     std::vector<double> slips;
     for (const int resolution : {10, 20, 40}) {
-      const std::string test = fmt::format("Bagnold, {} deg, H/dx = {}", angle, resolution);
-      const InclineResult r = bagnold(angle, resolution, {});
+      const std::string test = name_of_flow(angle, resolution);
+      const InclineResult r = bagnold(angle, resolution, with_speed_of_sound(angle, {}));
       const double bar = resolution == 40 ? 0.03 : NAN;
-      record(test, "robust", "velocity minus slip over exact, times f^1.5, minus 1",
-             r.velocity_ratio * std::pow(factor_wendland_c2_15, 1.5) - 1, bar, "1");
+      const double corrected = r.velocity_ratio * std::pow(factor_wendland_c2_15, 1.5);
+      record(test, "robust", "velocity minus slip over exact, times f^1.5, minus 1", corrected - 1, bar, "1");
       record(test, "robust", "velocity minus slip over exact, raw (h = 1.5 dx), minus 1",
              r.velocity_ratio - 1, bar, "1");
       record(test, "robust", "slip over exact surface velocity", r.slip_ratio, NAN, "1");
@@ -33,7 +45,8 @@ TEST(BagnoldLong, Robust) {
       EXPECT_LT(r.largest_mu_error, 1e-10) << test;
       slips.push_back(std::abs(r.slip_ratio));
       if (resolution < 40) continue;
-      EXPECT_NEAR(r.velocity_ratio, 1, 0.03) << test;
+      EXPECT_NEAR(r.velocity_ratio, 1, bar) << test;
+      EXPECT_NEAR(corrected, 1, bar) << test;
       const double order = std::log(slips.front() / slips.back()) / std::log(4.0);
       record(fmt::format("Bagnold, {} deg, H/dx = 10 to 40", angle), "robust", "observed order of the slip",
              order, 1, "1");
@@ -42,11 +55,19 @@ TEST(BagnoldLong, Robust) {
   }
 }
 
+TEST(BagnoldLong, RobustAt22DegreesWithTheDefaultSpeedOfSound) {
+  const InclineResult r = bagnold(22, 20, {});
+  record("Bagnold, 22 deg, H/dx = 20, Mach 0.1", "robust",
+         "velocity minus slip over exact, raw (h = 1.5 dx), minus 1", r.velocity_ratio - 1, NAN, "1");
+  EXPECT_NEAR(r.velocity_ratio, 1, 0.06) << "twice what the elastic normal stresses were seen to make";
+}
+
 TEST(BagnoldLong, RobustWithGradientCorrection) {
   for (const int angle : {22, 25, 28}) {
-    const InclineResult r =
-        bagnold(angle, 40, {"flow.gradient_correction=bonet_lok_1999", "flow.h_over_dx=1.2"});
-    const std::string test = fmt::format("Bagnold, {} deg, H/dx = 40", angle);
+    const InclineResult r = bagnold(
+        angle, 40,
+        with_speed_of_sound(angle, {"flow.gradient_correction=bonet_lok_1999", "flow.h_over_dx=1.2"}));
+    const std::string test = name_of_flow(angle, 40);
     record(test, "robust, h = 1.2 dx, gradient correction", "velocity minus slip over exact, raw, minus 1",
            r.velocity_ratio - 1, 0.03, "1");
     EXPECT_NEAR(r.velocity_ratio, 1, 0.03) << test;
@@ -59,7 +80,7 @@ TEST(BagnoldLong, Source) {
     for (const int resolution : {10, 20}) {
       const std::string test = fmt::format("Bagnold, {} deg, H/dx = {}", angle, resolution);
       const InclineResult r =
-          bagnold(angle, resolution, {"flow.formulation=source", "flow.g_min=1 1/s"}, 0.6, 0.6);
+          bagnold(angle, resolution, {"flow.formulation=source", "flow.g_min=1 1/s"}, 2.0, 1.0);
       record(test, "source", "velocity minus slip over exact, times f^1.5, minus 1",
              r.velocity_ratio * std::pow(factor_cubic_12, 1.5) - 1, resolution == 20 ? 0.1 : NAN, "1");
       record(test, "source", "slip over exact surface velocity", r.slip_ratio, NAN, "1");
@@ -100,6 +121,25 @@ TEST(BagnoldLong, BetaInSteadyFlow) {
              "mean beta", beta, NAN, "1");
       EXPECT_GT(beta, 0);
     }
+}
+
+TEST(BagnoldLong, WhatDampingCosts) {
+  // Artificial viscosity is a viscosity: it slows the flow, unless the limiter keeps it off shear.
+  const auto flow = [](const std::string& name, const std::vector<std::string>& overrides) {
+    const InclineResult r = bagnold(25, 20, overrides);
+    record("Bagnold, 25 deg, H/dx = 20, damping", "robust, " + name,
+           "velocity minus slip over exact, raw, minus 1", r.velocity_ratio - 1, NAN, "1");
+    record("Bagnold, 25 deg, H/dx = 20, damping", "robust, " + name,
+           "pressure extrapolated to the floor over weight, minus 1", r.floor_pressure - 1, NAN, "1");
+    return r.velocity_ratio;
+  };
+  const double none = flow("no damping", {"flow.damping=none"});
+  const double limited = flow("balsara, 0.1", {});
+  const double monaghan = flow("monaghan, 0.1", {"flow.damping=monaghan"});
+  flow("monaghan, 0.03", {"flow.damping=monaghan", "flow.artificial_viscosity=0.03"});
+  flow("balsara, 0.1, h = 1.2 dx", {"flow.h_over_dx=1.2"});
+  EXPECT_NEAR(limited, none, 0.005) << "the limiter's purpose";
+  EXPECT_LT(monaghan, none - 0.05) << "what it is there to prevent";
 }
 
 TEST(BagnoldLong, ThreeDimensions) {

@@ -9,7 +9,9 @@
 namespace dem2sph {
 namespace {
 
-void record_collapse(const std::string& test, const std::string& formulation, const CollapseResult& r) {
+/// `energy_bar` is what the caller asserts; NAN where it is only reported.
+void record_collapse(const std::string& test, const std::string& formulation, const CollapseResult& r,
+                     double energy_bar = NAN) {
   if (!r.stopped.empty()) {
     record(test, formulation, "stopped: " + r.stopped, NAN, NAN, "");
     return;
@@ -17,7 +19,7 @@ void record_collapse(const std::string& test, const std::string& formulation, co
   record(test, formulation, "front_99 over L0", r.front, NAN, "1");
   record(test, formulation, "centre height over L0", r.height, NAN, "1");
   record(test, formulation, "time to rest over sqrt(H0/g)", r.at_rest ? r.rest_time : NAN, NAN, "1");
-  record(test, formulation, "energy unaccounted over set free", r.unaccounted, 0.01, "1");
+  record(test, formulation, "energy unaccounted over set free", r.unaccounted, energy_bar, "1");
   record(test, formulation, "processor time", r.seconds, NAN, "s");
 }
 
@@ -29,7 +31,7 @@ void robust_collapse(const std::string& a) {
     by_resolution.push_back(
         measure_collapse(sand_column, {aspect, fmt::format("flow.resolution={}", resolution)}));
     record_collapse(fmt::format("collapse, a = {}, H/dx = {}, c = 10 sqrt(gH)", a, resolution), "robust",
-                    by_resolution.back());
+                    by_resolution.back(), resolution == 80 ? 0.01 : NAN);
   }
   const double change = by_resolution[2].front / by_resolution[1].front - 1;
   record(fmt::format("collapse, a = {}, H/dx = 40 to 80", a), "robust", "change of front_99", change, 0.05,

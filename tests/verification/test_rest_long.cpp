@@ -75,7 +75,7 @@ TEST(RestLong, RobustSlope) {
 
 TEST(RestLong, SourceSlopeCreepsAsGMinSays) {
   // Where tau = p tan(t) everywhere and eta = mu p/g_min, the rate is g_min tan(t)/mu at every depth (the
-  // cut-off of direct_viscosity is a maximum; a root of the sum of squares would give g_min tan(t)/sqrt(mu^2
+  // cut-off of the solver is a maximum; a root of the sum of squares would give g_min tan(t)/sqrt(mu^2
   // - tan(t)^2)).
   const double g_min = 1;
   const CaseFile file = case_of(bed_at_rest, {"incline.angle=15 deg", "incline.height=0.5 m",

@@ -1,0 +1,79 @@
+// What one particle does with its velocity gradient: the stress of Eq. 5.3, its floor at g_min, NaN, tension.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+
+#include "sph/constitutive.hpp"
+
+namespace dem2sph {
+namespace {
+
+constexpr double eps = std::numeric_limits<double>::epsilon();
+
+// One particle in simple shear at the rate g.
+Particles<2> particle(double p, double g) {
+  Particles<2> q;
+  q.resize(1, 1);
+  for (Column& c : q.l) c.assign(1, 0.0);
+  q.l[1][0] = g;
+  q.p[0] = p;
+  q.m[0] = q.rho[0] = 1;
+  return q;
+}
+double tau_after(Particles<2> q, const DirectStress& stress, double mu, double cohesion) {
+  update_stress(q, 0, stress, ConstantFriction<double>{mu}, NoDilation{}, {1e-4, {1e-3, 2500}, cohesion, 0});
+  return equivalent_stress(q.deviator(0));
+}
+
+TEST(DirectStress, IsThatOfEq53) {
+  EXPECT_NEAR(tau_after(particle(1000, 10), {1e-3}, 0.5, 20), 520, 520 * 8 * eps);
+  // Below g_min the viscosity stays, and the stress goes to zero with the rate.
+  EXPECT_NEAR(tau_after(particle(1000, 0.05), {0.1}, 0.5, 20), 260, 260 * 8 * eps);
+  EXPECT_EQ(tau_after(particle(1000, 0), {0.1}, 0.5, 20), 0);
+}
+
+TEST(DirectStress, ANaNIsSeen) {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_TRUE(std::isnan(tau_after(particle(1000, nan), {0.1}, 0.5, 20)))
+      << "a NaN rate must not become g_min";
+  EXPECT_TRUE(std::isnan(tau_after(particle(nan, 1), {0.1}, 0.5, 20)));
+  EXPECT_TRUE(std::isnan(tau_after(particle(1000, 1), {0.1}, nan, 20)));
+}
+
+TEST(ElasticStress, WithoutPressureThereIsNone) {
+  Particles<2> q = particle(0, 10);
+  q.s[3][0] = 5;
+  const Dissipation d = update_stress(q, 0, ElasticReturn{1e5}, ConstantFriction<double>{0.5}, NoDilation{},
+                                      {1e-4, {1e-3, 2500}, 0, 0});
+  EXPECT_EQ(equivalent_stress(q.deviator(0)), 0);
+  EXPECT_NEAR(d.cut_off, 2 * 5 * 5 / (4 * 1e5), 1e-18) << "s:s/(4 G)";
+}
+
+TEST(State, SwellingAtConstantDensityRaisesThePressure) {
+  // A dense sample that is sheared without room: phi falls towards phi_eq, rho0 with it, and the pressure
+  // rises by K times the fall. What that stores in compression is accounted for.
+  Particles<2> q = particle(1000, 10);
+  const EquationOfState eos{1e6, 1, 0.62 * 2500, 0};
+  q.rho[0] = eos.density(1000);
+  q.m[0] = q.rho[0];
+  q.rho0.assign(1, eos.rho0);
+  q.beta.assign(1, 0.0);
+  q.dilation_state.assign(1, 0.62);
+  q.dilation_I.assign(1, 0.0);
+  DilationEvolves dilation;
+  dilation.law = {{0.6, 0.2}, 0.3, {}};
+  const double before = eos.energy(q.rho[0], q.rho0[0]);
+  double swollen = 0;
+  for (int i = 0; i < 100; ++i)
+    swollen += state_pass(q, 0, 1, eos, ElasticReturn{4e5}, ConstantFriction<double>{0.4}, dilation,
+                          {1e-4, {1e-3, 2500}, 0, 2500})
+                   .swollen;
+  EXPECT_LT(q.dilation_state[0], 0.62);
+  EXPECT_NEAR(q.p[0], eos.pressure(q.rho[0], q.rho0[0]), 1e-9);
+  EXPECT_GT(q.p[0], 2000);
+  EXPECT_NEAR(swollen, q.m[0] * (eos.energy(q.rho[0], q.rho0[0]) - before), 1e-9 * swollen);
+}
+
+}  // namespace
+}  // namespace dem2sph
