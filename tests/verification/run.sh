@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Runs every verification test, the long ones too (about an hour and a half on two cores), and writes their figures into the tables of
+# Runs every verification test, the long ones too (about 40 minutes on two cores), and writes their figures into the tables of
 # sph/README.md. Arguments go to ctest: `bash tests/verification/run.sh -R BagnoldLong`; figures of tests that are left
 # out are kept from the run before.
 set -euo pipefail
