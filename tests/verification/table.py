@@ -10,21 +10,22 @@ import json
 import re
 import sys
 
+INGREDIENT = "ingredient: "
 BEGIN, END = "<!-- verification -->", "<!-- /verification -->"
 COLLAPSE = ["front_99 over L0", "centre height over L0", "time to rest over sqrt(H0/g)",
             "energy unaccounted over set free", "processor time"]
 
 
-def number(value):
+def number(value, digits=3):
     if value is None:
         return "-"
     if value == 0:
         return "0"
-    return f"{value:.3g}" if 1e-3 <= abs(value) < 1e4 else f"{value:.1e}"
+    return f"{value:.{digits}g}" if 1e-3 <= abs(value) < 1e4 else f"{value:.1e}"
 
 
-def with_unit(value, unit):
-    return number(value) + ("" if unit in ("1", "") or value is None else " " + unit)
+def with_unit(value, unit, digits=3):
+    return number(value, digits) + ("" if unit in ("1", "") or value is None else " " + unit)
 
 
 def read(path):
@@ -44,7 +45,7 @@ def read(path):
 
 def cell(figure):
     missed = figure["bar"] is not None and not abs(figure["measured"] or float("nan")) <= figure["bar"]
-    return with_unit(figure["measured"], figure["unit"]) + (" **missed**" if missed else "")
+    return with_unit(figure["measured"], figure["unit"], digits=4) + (" **missed**" if missed else "")
 
 
 def collapse_table(figures, title, strip=""):
@@ -62,7 +63,8 @@ def collapse_table(figures, title, strip=""):
     out = [f"### {title}", "",
            "| | formulation | front_99/L0 | centre height/L0 | time to rest/tau | energy unaccounted | processor time |",
            "|---|---|---|---|---|---|---|"]
-    for (test, formulation), values in rows.items():
+    by_name = strip != INGREDIENT  # those stand in the order in which they were run
+    for (test, formulation), values in sorted(rows.items(), key=lambda row: row[0][::-1]) if by_name else rows.items():
         if (test, formulation) in stopped:
             cells = [stopped[(test, formulation)], "", "", "", ""]
         else:
@@ -74,7 +76,7 @@ def collapse_table(figures, title, strip=""):
 def main():
     figures_path, readme_path = sys.argv[1:3]
     figures = read(figures_path)
-    ingredients = [f for f in figures if f["test"].startswith("ingredient: ")]
+    ingredients = [f for f in figures if f["test"].startswith(INGREDIENT)]
     collapse = [f for f in figures if f["test"].startswith("collapse") and
                 (f["quantity"] in COLLAPSE or f["quantity"].startswith("stopped"))]
     ids = {id(f) for f in ingredients} | {id(f) for f in collapse}
@@ -94,13 +96,13 @@ def main():
         if bar is None:
             bar_text = "reported"
         else:
-            at_least = "order" in what
+            at_least = "observed order" in what
             missed = len(values) < len(measured) or any(m < bar if at_least else abs(m) > abs(bar) for m in values)
             bar_text = ("at least " if at_least else "") + with_unit(bar, unit) + (" **missed**" if missed else "")
         out.append(f"| {test} | {formulation} | {what} | {text} | {bar_text} |")
     out.append("")
     out += collapse_table(collapse, "Collapse", "collapse, ")
-    out += collapse_table(ingredients, "What each ingredient buys: a = 1, mu = 0.6, H/dx = 40", "ingredient: ")
+    out += collapse_table(ingredients, "What each ingredient buys: a = 1, mu = 0.6, H/dx = 40", INGREDIENT)
     out.append(END)
     with open(readme_path, encoding="utf-8") as readme:
         text = readme.read()
