@@ -1,18 +1,10 @@
 // Bodies at rest: a bed carries its weight, a slope below its angle of repose stays where it is.
-#include "tests/sph/flow_fixture.hpp"
+#include "tests/verification/bodies_at_rest.hpp"
 
 namespace dem2sph {
 namespace {
 
-const std::string bed = R"(
-[flow]
-scene = "inclined_plane"
-resolution = 20
-end_time = "2 s"
-[incline]
-height = "0.1 m"
-angle = "0 deg"
-)" + glass_beads;
+const std::string& bed = bed_at_rest;
 
 TEST(Rest, BedCarriesItsWeight) {
   // 20 sqrt(H/g) = 2 s. The start is in equilibrium but for the lattice's floor; what rings is damped by
