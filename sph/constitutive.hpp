@@ -73,7 +73,7 @@ Dissipation update_stress(Particles<Dim>& q, std::size_t a, const Stress& stress
     return {0, lost};
   }
 
-  double to_I = in.grains.d / std::sqrt(p / in.grains.rho_s);
+  const double to_I = in.grains.d / std::sqrt(p / in.grains.rho_s);
   // How strong the particle is at the shear rate g, and what its state of dilation then is.
   const auto evolved = [&](double g) {
     if constexpr (has_dilation_state<Dilation>)
@@ -97,9 +97,7 @@ Dissipation update_stress(Particles<Dim>& q, std::size_t a, const Stress& stress
   const auto finish = [&](double g) {  // the state at the end of the increment
     if (p < 0) {
       keep_beta(0);
-      return;
-    }
-    if constexpr (has_dilation_state<Dilation>) {
+    } else if constexpr (has_dilation_state<Dilation>) {
       const auto end = evolved(g);
       q.dilation_state[a] = end.state.value;
       q.dilation_I[a] = end.state.I;
@@ -114,14 +112,9 @@ Dissipation update_stress(Particles<Dim>& q, std::size_t a, const Stress& stress
     for (int k = 0; k < Sym<Dim>::size; ++k) s[k] += 2 * stress.G * in.dt * rate[k];
     const double trial = equivalent_stress(s);
     const double G_dt = stress.G * in.dt;
-    Returned returned;
-    if constexpr (has_dilation_state<Dilation>) {
-      returned = return_by_newton(trial, G_dt, strength);
-    } else if (p < 0) {
-      returned = return_by_newton(trial, G_dt, strength);
-    } else {
-      returned = return_to_yield(law, in.grains, trial, p, G_dt, frozen_beta, in.cohesion);
-    }
+    const Returned returned = has_dilation_state<Dilation> || p < 0
+                                  ? return_by_newton(trial, G_dt, strength)
+                                  : return_to_yield(law, in.grains, trial, p, G_dt, frozen_beta, in.cohesion);
     double dissipated = 0;
     if (!(returned.gamma_dot == 0)) {
       if (trial > 0) s *= returned.tau / trial;

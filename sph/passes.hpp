@@ -233,6 +233,7 @@ struct WallForces {
   bool smooth = false;   ///< some wall is frictionless
   bool moving = false;   ///< some wall moves, and does work
 };
+
 // ---- smooth walls
 /// The normals of all smooth walls that a wall particle is behind, made orthonormal: in the corner of two it
 /// stands for both. A smooth wall mirrors what is before it and bears no shear.
@@ -284,8 +285,8 @@ Normals<Dim> smooth_normals(const std::vector<Wall<Dim>>& walls, const Vec<Dim>&
 }
 
 // ---- walls that are extrapolated (Adami, Hu, Adams 2012)
-/// Velocity that makes the profile vanish, relative to the wall, at its surface; only its normal component if
-/// smooth.
+/// Velocity that makes the profile vanish, relative to the wall, at its surface; only its normal component at
+/// a smooth wall, and at one with a friction of its own.
 template <int Dim, class Kernel>
 void wall_velocity_pass(Particles<Dim>& q, const Surroundings<Dim>& around, const Kernel& kernel,
                         const WallForces& forces) {
