@@ -244,8 +244,8 @@ std::string steps_html(const ReportInputs& in) {
   double engine_seconds = 0;
   std::size_t runs = 0;
   for (const Observables& o : in.observables) {
-    for (const SteadyPoint& p : o.steady) engine_seconds += p.cpu_seconds, ++runs;
-    for (const Transient& t : o.transients) engine_seconds += t.cpu_seconds, ++runs;
+    engine_seconds += o.cpu_seconds();
+    runs += o.costs.size();
   }
   std::string text =
       "<div class=\"scroll\"><table>\n<tr><th>What</th><th class=\"n\">Time</th><th>Files, with "

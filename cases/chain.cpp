@@ -124,7 +124,7 @@ std::string plan_chain(const CaseFile& file, const CommonOptions& options) {
   std::string text;
   const CaseFile cell = shear_cell_case(file);
   if (cell.has("shear_cell"))
-    text += bridge::describe(bridge::plan_sweep(cell, "unknown"), jobs_or_cores(options.jobs));
+    text += bridge::describe(bridge::plan_sweep(cell, bridge::engine_unknown), jobs_or_cores(options.jobs));
   if (file.has("flow")) {
     if (file.has("law")) {
       text += plan_flow(file, law_of_case(file));
@@ -165,7 +165,7 @@ json run_chain(const fs::path& case_path, const fs::path& folder, const CommonOp
   const fs::path observables_path = folder / "shear_cell" / "observables.h5";
   steps.push_back(
       step_json(fmt::format("{} shear cells in LIGGGHTS ({} run now, {} reused, {:.0f} core-seconds)",
-                            plan.runs.size(), sweep.ran, sweep.reused, sweep.cpu_seconds),
+                            plan.runs.size(), sweep.ran, sweep.reused, sweep.observables.cpu_seconds()),
                 sweep_time.seconds(), {"shear_cell/observables.h5"}));
 
   // Law.

@@ -59,7 +59,7 @@ json to_json(const bridge::SweepResult& result) {
   return {{"ran", result.ran},
           {"reused", result.reused},
           {"failed", failed},
-          {"core_seconds", result.cpu_seconds}};
+          {"core_seconds", result.observables.cpu_seconds()}};
 }
 
 ExitCode finish_sweep(const bridge::SweepResult& result, const Options& options) {
@@ -90,7 +90,7 @@ ExitCode sweep(const Options& options) {
   const CaseFile file = shear_cell_case(load_case(options.case_file, options.overrides));
   if (options.dry_run) {
     const std::string text =
-        bridge::describe(bridge::plan_sweep(file, "unknown"), jobs_or_cores(options.jobs));
+        bridge::describe(bridge::plan_sweep(file, bridge::engine_unknown), jobs_or_cores(options.jobs));
     print(options, {{"plan", text}}, text);
     return ExitCode::ok;
   }
@@ -101,14 +101,26 @@ ExitCode sweep(const Options& options) {
 }
 
 ExitCode sweep_status(const Options& options) {
-  const std::vector<bridge::RunStatus> status = bridge::sweep_status(options.output);
+  const bridge::SweepStatus status = bridge::sweep_status(options.output);
   json rows = json::array();
-  for (const bridge::RunStatus& run : status)
+  for (const bridge::RunStatus& run : status.runs)
     rows.push_back({{"run", run.hash},
                     {"what", run.what},
                     {"state", bridge::name_of(run.state)},
+                    {"core_seconds", run.core_seconds},
                     {"detail", run.detail}});
-  print(options, rows, bridge::describe(status));
+  print(options,
+        {{"runs", rows},
+         {"core_seconds_left", status.core_seconds_left},
+         {"working", status.working},
+         {"measured_over_expected", status.slowness}},
+        bridge::describe(status));
+  return ExitCode::ok;
+}
+
+ExitCode sweep_prune(const Options& options) {
+  const std::uintmax_t bytes = bridge::prune_sweep(options.output);
+  print(options, {{"bytes", bytes}}, fmt::format("{:.1f} MB removed\n", static_cast<double>(bytes) * 1e-6));
   return ExitCode::ok;
 }
 
@@ -278,7 +290,7 @@ int program(int argc, char** argv) {
       ->required();
   parallel(overrides(
       takes_case(add(app, "plan", "Check a case; print what will run, what is left out, the cost", plan))));
-  // `sweep CASE -o DIR`, or `sweep status DIR`, `sweep retry DIR`.
+  // `sweep CASE -o DIR`, or `sweep status DIR`, `sweep retry DIR`, `sweep prune DIR`.
   CLI::App* sweeping = overrides(
       dry(parallel(shows_progress(add(app, "sweep", "Run what is missing of the LIGGGHTS runs", sweep)))));
   sweeping->require_subcommand(0, 1);
@@ -291,6 +303,9 @@ int program(int argc, char** argv) {
       ->add_option("DIR", options.output, "Folder of the sweep")
       ->required();
   parallel(shows_progress(add(*sweeping, "retry", "Run what failed once more", sweep_retry)))
+      ->add_option("DIR", options.output, "Folder of the sweep")
+      ->required();
+  add(*sweeping, "prune", "Remove dumps and restart files of the runs that are done", sweep_prune)
       ->add_option("DIR", options.output, "Folder of the sweep")
       ->required();
   CLI::App* fitting = forces(
@@ -318,7 +333,7 @@ int program(int argc, char** argv) {
     return app.exit(error) == 0 ? 0 : static_cast<int>(ExitCode::usage);
   }
   if (chosen == sweep && (options.case_file.empty() || options.output.empty())) {
-    fmt::print(stderr, "sweep needs a CASE and -o DIR (or: sweep status DIR, sweep retry DIR)\n");
+    fmt::print(stderr, "sweep needs a CASE and -o DIR (or: sweep status DIR, sweep retry DIR, sweep prune DIR)\n");
     return static_cast<int>(ExitCode::usage);
   }
   return static_cast<int>(chosen(options));

@@ -19,14 +19,28 @@ struct SteadyColumn {
   const char* unit;
   double SteadyPoint::*member;
 };
-constexpr SteadyColumn steady_columns[] = {
-    {"I_driven", "1", &SteadyPoint::I_driven},   {"I", "1", &SteadyPoint::I},
-    {"I_se", "1", &SteadyPoint::I_se},           {"mu", "1", &SteadyPoint::mu},
-    {"mu_se", "1", &SteadyPoint::mu_se},         {"phi", "1", &SteadyPoint::phi},
-    {"phi_se", "1", &SteadyPoint::phi_se},       {"p", "Pa", &SteadyPoint::p},
-    {"p_se", "Pa", &SteadyPoint::p_se},          {"wall_mu", "1", &SteadyPoint::wall_mu},
-    {"wall_p", "Pa", &SteadyPoint::wall_p},      {"strain", "1", &SteadyPoint::strain},
-    {"phi_drift", "1", &SteadyPoint::phi_drift}, {"cpu_seconds", "s", &SteadyPoint::cpu_seconds}};
+constexpr SteadyColumn steady_columns[] = {{"I_driven", "1", &SteadyPoint::I_driven},
+                                           {"I", "1", &SteadyPoint::I},
+                                           {"I_se", "1", &SteadyPoint::I_se},
+                                           {"mu", "1", &SteadyPoint::mu},
+                                           {"mu_se", "1", &SteadyPoint::mu_se},
+                                           {"phi", "1", &SteadyPoint::phi},
+                                           {"phi_se", "1", &SteadyPoint::phi_se},
+                                           {"p", "Pa", &SteadyPoint::p},
+                                           {"p_se", "Pa", &SteadyPoint::p_se},
+                                           {"wall_mu", "1", &SteadyPoint::wall_mu},
+                                           {"wall_p", "Pa", &SteadyPoint::wall_p},
+                                           {"strain", "1", &SteadyPoint::strain},
+                                           {"phi_drift", "1", &SteadyPoint::phi_drift},
+                                           {"N1", "1", &SteadyPoint::N1},
+                                           {"N1_se", "1", &SteadyPoint::N1_se},
+                                           {"N2", "1", &SteadyPoint::N2},
+                                           {"N2_se", "1", &SteadyPoint::N2_se},
+                                           {"beta", "1", &SteadyPoint::beta},
+                                           {"beta_se", "1", &SteadyPoint::beta_se},
+                                           {"temperature", "1", &SteadyPoint::temperature},
+                                           {"coordination", "1", &SteadyPoint::coordination},
+                                           {"fabric_xz", "1", &SteadyPoint::fabric_xz}};
 
 struct SteadyFlag {
   const char* name;
@@ -53,8 +67,11 @@ struct TransientNumber {
   double Transient::*member;
 };
 constexpr TransientNumber transient_numbers[] = {{"I_driven", "1", &Transient::I_driven},
-                                                 {"phi_0", "1", &Transient::phi_0},
-                                                 {"cpu_seconds", "s", &Transient::cpu_seconds}};
+                                                 {"I_before", "1", &Transient::I_before},
+                                                 {"load", "Pa", &Transient::load},
+                                                 {"load_before", "Pa", &Transient::load_before},
+                                                 {"packing_friction", "1", &Transient::packing_friction},
+                                                 {"phi_0", "1", &Transient::phi_0}};
 
 struct MaterialNumber {
   const char* name;
@@ -122,6 +139,18 @@ void write_observables(const Observables& observables, const std::filesystem::pa
   }
   file.write("excluded/run", excluded);
   file.write("excluded/reason", reasons);
+
+  // Apart from the rest, which is the same whenever it is made again.
+  std::vector<std::string> cost_runs, cost_kinds;
+  std::vector<double> seconds;
+  for (const RunCost& cost : observables.costs) {
+    cost_runs.push_back(cost.run);
+    cost_kinds.push_back(cost.kind);
+    seconds.push_back(cost.cpu_seconds);
+  }
+  file.write("cost/run", cost_runs);
+  file.write("cost/kind", cost_kinds);
+  file.write("cost/cpu_seconds", seconds, "s");
   file.commit();
 }
 
@@ -180,6 +209,13 @@ Observables read_observables(const std::filesystem::path& path) {
   const std::vector<std::string> reasons = file.strings("excluded/reason");
   if (reasons.size() != excluded.size()) ragged(path, "excluded/reason");
   for (std::size_t i = 0; i < excluded.size(); ++i) observables.excluded.push_back({excluded[i], reasons[i]});
+
+  const std::vector<std::string> cost_runs = file.strings("cost/run"), cost_kinds = file.strings("cost/kind");
+  const std::vector<double> seconds = file.doubles("cost/cpu_seconds", "s");
+  if (cost_kinds.size() != cost_runs.size()) ragged(path, "cost/kind");
+  if (seconds.size() != cost_runs.size()) ragged(path, "cost/cpu_seconds");
+  for (std::size_t i = 0; i < cost_runs.size(); ++i)
+    observables.costs.push_back({cost_runs[i], cost_kinds[i], seconds[i]});
   return observables;
 }
 

@@ -24,19 +24,27 @@ struct SteadyPoint {
   double strain = 0;           ///< core strain averaged over
   /// The jackknife's error had stopped growing with the length of its blocks; else it may be too small.
   bool I_flat = true, mu_flat = true, phi_flat = true;
-  double phi_drift = 0;    ///< (second half - first half) of phi, in standard errors
-  double cpu_seconds = 0;  ///< of LIGGGHTS
+  double phi_drift = 0;          ///< (second half - first half) of phi, in standard errors
+  double N1 = 0, N1_se = 0;      ///< (sigma_xx - sigma_zz)/p
+  double N2 = 0, N2_se = 0;      ///< (sigma_zz - sigma_yy)/p
+  double beta = 0, beta_se = 0;  ///< mean of tr(D)/gamma_dot: 0 in a steady flow
+  double temperature = 0;        ///< granular temperature over (gamma_dot d)^2
+  double coordination = 0;       ///< contacts of a grain
+  double fabric_xz = 0;          ///< mean n_x n_z over the contacts
 };
 
 /// One transient on its own strain axis; all lists have the same length.
 struct Transient {
   std::string run;
-  std::string kind;  ///< "start_up"
+  std::string kind;  ///< "start_up", "jump", "reversal", "pressure_jump"
   std::int64_t seed = 0;
   double I_driven = 0;
-  double phi_0 = 0;  ///< before the change
-  double cpu_seconds = 0;
-  std::vector<double> s;          ///< strain of the core since the change
+  double I_before = 0;            ///< driven, before the change; 0 of a start-up
+  double load = 0;                ///< set pressure [Pa]
+  double load_before = 0;         ///< [Pa]
+  double packing_friction = 0;    ///< friction of the grains while they were packed
+  double phi_0 = 0;               ///< before the change
+  std::vector<double> s;          ///< strain of the core since the change, the same axis for all runs
   std::vector<double> gamma_dot;  ///< [1/s]
   std::vector<double> p;          ///< [Pa]
   std::vector<double> mu;
@@ -44,6 +52,13 @@ struct Transient {
   std::vector<double> phi;
   std::vector<double> beta;    ///< dilation rate over shear rate, from the coarse-grained fields
   std::vector<double> height;  ///< distance of the walls [m]
+};
+
+/// What a run cost, preparations included.
+struct RunCost {
+  std::string run;
+  std::string kind;
+  double cpu_seconds = 0;  ///< of LIGGGHTS
 };
 
 /// A run that failed or was judged unfit, and why.
@@ -62,9 +77,16 @@ struct Observables {
   std::vector<SteadyPoint> steady;
   std::vector<Transient> transients;
   std::vector<ExcludedRun> excluded;
+  std::vector<RunCost> costs;
+  /// Of all runs [s].
+  double cpu_seconds() const {
+    double sum = 0;
+    for (const RunCost& cost : costs) sum += cost.cpu_seconds;
+    return sum;
+  }
 };
 
-inline constexpr std::int64_t observables_schema_version = 1;
+inline constexpr std::int64_t observables_schema_version = 2;
 
 /// Writes atomically.
 void write_observables(const Observables& observables, const std::filesystem::path& path);

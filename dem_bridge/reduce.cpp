@@ -9,6 +9,7 @@
 #include <sstream>
 #include <unordered_map>
 
+#include "dem_bridge/contact_force.hpp"
 #include "sph/base/errors.hpp"
 
 namespace dem2sph::bridge {
@@ -35,47 +36,116 @@ Vec<3> branch(const Grain& a, const Grain& b, const Box& box) {
   return r;
 }
 
-/// The contact law evaluated for a dump, outside the time step, leaves sliding contacts with a tangential
-/// force above Coulomb's limit, although the limit held in the step itself. Measured: a quarter of the
-/// contacts at I = 0.1; in trial runs it raised mu by 0.3 % (I = 0.005) to 4.5 % (driven I = 0.6). Cut back,
-/// core and wall agree to 1 %.
-bool cut_to_coulomb(Vec<3>& force, const Vec<3>& unit, double friction) {
-  const double normal = dot(force, unit);
-  const Vec<3> tangential = force - normal * unit;
-  const double size = norm(tangential);
-  const double limit = friction * std::abs(normal);
-  if (!(size > limit)) return false;
-  force = normal * unit + (limit / size) * tangential;
-  return size > limit * (1 + 1e-4);  // a contact at its limit differs from it by the dump's six digits
+}  // namespace
+
+namespace {
+
+/// Slopes of v_x(z) and v_z(z) over weighted grains.
+struct VelocityFit {
+  double sum = 0, mean_z = 0, gamma_dot = 0, dilation_rate = 0;
+  Vec<3> mean_v;
+};
+
+struct Moving {
+  double weight = 0, z = 0;
+  Vec<3> v;
+};
+
+VelocityFit fit_velocity(std::span<const Moving> grains) {
+  VelocityFit fit;
+  for (const Moving& g : grains) {
+    fit.sum += g.weight;
+    fit.mean_v += g.weight * g.v;
+    fit.mean_z += g.weight * g.z;
+  }
+  fit.mean_v *= 1 / fit.sum;
+  fit.mean_z /= fit.sum;
+  double zz = 0, zx = 0, zv = 0;
+  for (const Moving& g : grains) {
+    const double z = g.z - fit.mean_z;
+    zz += g.weight * z * z;
+    zx += g.weight * z * (g.v[0] - fit.mean_v[0]);
+    zv += g.weight * z * (g.v[2] - fit.mean_v[2]);
+  }
+  fit.gamma_dot = zx / zz;
+  fit.dilation_rate = zv / zz;
+  return fit;
+}
+
+struct Walls {
+  double bottom = 0, top = 0;  ///< mean heights of their grains
+};
+
+Walls walls_of(const GrainFrame& frame) {
+  Walls walls;
+  std::size_t bottom_count = 0, top_count = 0;
+  for (const Grain& grain : frame.grains) {
+    if (grain.type == GrainType::bottom_wall) walls.bottom += grain.x[2], ++bottom_count;
+    if (grain.type == GrainType::top_wall) walls.top += grain.x[2], ++top_count;
+  }
+  if (bottom_count == 0 || top_count == 0)
+    throw InputError(fmt::format("step {}: a wall has no grains", frame.step));
+  walls.bottom /= static_cast<double>(bottom_count);
+  walls.top /= static_cast<double>(top_count);
+  return walls;
+}
+
+using GrainIndex = std::unordered_map<std::int64_t, std::size_t>;
+
+GrainIndex index_of(const GrainFrame& frame) {
+  GrainIndex index;
+  index.reserve(frame.grains.size());
+  for (std::size_t i = 0; i < frame.grains.size(); ++i) index.emplace(frame.grains[i].id, i);
+  return index;
+}
+
+/// Mean velocity of each grain between two frames, at the middle of its way. Instantaneous velocities contain
+/// the grains' rattling; the displacement is their exact integral. The periodic image is the one nearest to
+/// where the mean of the two velocities leads.
+std::vector<Moving> mean_motion(const GrainFrame& before, const GrainFrame& now, double time, double low,
+                                double high) {
+  const GrainIndex index = index_of(before);
+  std::vector<Moving> moving;
+  moving.reserve(now.grains.size());
+  for (const Grain& grain : now.grains) {
+    const auto found = index.find(grain.id);
+    if (found == index.end())
+      throw InputError(
+          fmt::format("step {}: grain {} was not there at step {}", now.step, grain.id, before.step));
+    const Grain& old = before.grains[found->second];
+    Moving m;
+    m.z = 0.5 * (grain.x[2] + old.x[2]);
+    m.weight = sphere_slab_volume(m.z, grain.radius, low, high);
+    if (m.weight <= 0) continue;
+    for (int k = 0; k < 3; ++k) {
+      double way = grain.x[k] - old.x[k];
+      if (now.box.periodic[static_cast<std::size_t>(k)]) {
+        const double length = now.box.high[k] - now.box.low[k];
+        way -= length * std::round((way - 0.5 * (grain.v[k] + old.v[k]) * time) / length);
+      }
+      m.v[k] = way / time;
+    }
+    moving.push_back(m);
+  }
+  return moving;
 }
 
 }  // namespace
 
-CoreState measure_core(const GrainFrame& frame, const ContactFrame& contacts, const Measurement& cell) {
+CoreState measure_core(const GrainFrame& frame, const ContactFrame& contacts, const Measurement& cell,
+                       const GrainFrame* before) {
   if (frame.step != contacts.step)
     throw InputError(
         fmt::format("grains of step {} do not belong to contacts of step {}", frame.step, contacts.step));
 
-  std::unordered_map<std::int64_t, std::size_t> index;
-  index.reserve(frame.grains.size());
-  double bottom = 0, top = 0;
-  std::size_t bottom_count = 0, top_count = 0;
-  for (std::size_t i = 0; i < frame.grains.size(); ++i) {
-    const Grain& grain = frame.grains[i];
-    index.emplace(grain.id, i);
-    if (grain.type == GrainType::bottom_wall) bottom += grain.x[2], ++bottom_count;
-    if (grain.type == GrainType::top_wall) top += grain.x[2], ++top_count;
-  }
-  if (bottom_count == 0 || top_count == 0)
-    throw InputError(fmt::format("step {}: a wall has no grains", frame.step));
-  bottom /= static_cast<double>(bottom_count);
-  top /= static_cast<double>(top_count);
-
+  const GrainIndex index = index_of(frame);
+  const Walls walls = walls_of(frame);
   CoreState core;
   core.step = frame.step;
-  core.height = top - bottom;
-  const double low = bottom + 0.5 * cell.wall_thickness + cell.core_margin;
-  const double high = top - 0.5 * cell.wall_thickness - cell.core_margin;
+  core.height = walls.top - walls.bottom;
+  const double edge = 0.5 * cell.wall_thickness + cell.core_margin;
+  const double low = walls.bottom + edge;
+  const double high = walls.top - edge;
   core.thickness = high - low;
   if (!(core.thickness > cell.d))
     throw InputError(
@@ -84,49 +154,49 @@ CoreState measure_core(const GrainFrame& frame, const ContactFrame& contacts, co
   const double volume =
       (frame.box.high[0] - frame.box.low[0]) * (frame.box.high[1] - frame.box.low[1]) * core.thickness;
 
-  // Weights are the volumes inside the core, so that a grain enters gradually. Mean velocity and slopes by
-  // least squares.
-  std::vector<double> weight(frame.grains.size());
-  double sum = 0;
-  Vec<3> mean_v;
-  double mean_z = 0;
+  // Weights are the volumes inside the core, so that a grain enters gradually.
+  std::vector<Moving> moving(frame.grains.size());
   for (std::size_t i = 0; i < frame.grains.size(); ++i) {
     const Grain& grain = frame.grains[i];
-    weight[i] = sphere_slab_volume(grain.x[2], grain.radius, low, high);
-    sum += weight[i];
-    mean_v += weight[i] * grain.v;
-    mean_z += weight[i] * grain.x[2];
+    moving[i] = {sphere_slab_volume(grain.x[2], grain.radius, low, high), grain.x[2], grain.v};
   }
-  if (!(sum > 0)) throw InputError(fmt::format("step {}: no grain is in the core", frame.step));
-  mean_v *= 1 / sum;
-  mean_z /= sum;
-  core.phi = sum / volume;
-  double zz = 0, zx = 0, zv = 0;
-  for (std::size_t i = 0; i < frame.grains.size(); ++i) {
-    const Grain& grain = frame.grains[i];
-    const double z = grain.x[2] - mean_z;
-    zz += weight[i] * z * z;
-    zx += weight[i] * z * (grain.v[0] - mean_v[0]);
-    zv += weight[i] * z * (grain.v[2] - mean_v[2]);
-  }
-  core.gamma_dot = zx / zz;
-  core.dilation_rate = zv / zz;
+  const VelocityFit fit = fit_velocity(moving);
+  if (!(fit.sum > 0)) throw InputError(fmt::format("step {}: no grain is in the core", frame.step));
+  core.phi = fit.sum / volume;
 
   // Velocity fluctuations: sum of m v' v' over the volume, v' against the fitted profile.
-  for (std::size_t i = 0; i < frame.grains.size(); ++i) {
-    if (weight[i] <= 0) continue;
-    const Grain& grain = frame.grains[i];
-    Vec<3> v = grain.v - mean_v;
-    v[0] -= core.gamma_dot * (grain.x[2] - mean_z);
-    v[2] -= core.dilation_rate * (grain.x[2] - mean_z);
+  for (const Moving& g : moving) {
+    if (g.weight <= 0) continue;
+    Vec<3> v = g.v - fit.mean_v;
+    v[0] -= fit.gamma_dot * (g.z - fit.mean_z);
+    v[2] -= fit.dilation_rate * (g.z - fit.mean_z);
     for (int a = 0; a < 3; ++a)
-      for (int b = a; b < 3; ++b) core.stress(a, b) += weight[i] * cell.rho_s * v[a] * v[b] / volume;
+      for (int b = a; b < 3; ++b) core.stress(a, b) += g.weight * cell.rho_s * v[a] * v[b] / volume;
   }
   core.kinetic_zz = core.stress(2, 2);
+  core.temperature =
+      (core.stress(0, 0) + core.stress(1, 1) + core.stress(2, 2)) / (3 * cell.rho_s * core.phi);
+
+  core.gamma_dot = fit.gamma_dot;
+  core.dilation_rate = fit.dilation_rate;
+  if (before != nullptr) {
+    if (before->step >= frame.step)
+      throw InputError(fmt::format("step {} is not before step {}", before->step, frame.step));
+    const double time = static_cast<double>(frame.step - before->step) * cell.time_step;
+    const Walls walls_before = walls_of(*before);
+    const VelocityFit mean =
+        fit_velocity(mean_motion(*before, frame, time, 0.5 * (low + walls_before.bottom + edge),
+                                 0.5 * (high + walls_before.top - edge)));
+    if (!(mean.sum > 0)) throw InputError(fmt::format("step {}: no grain is in the core", frame.step));
+    core.gamma_dot = mean.gamma_dot;
+    core.dilation_rate = mean.dilation_rate;
+  }
+  core.gamma_dot *= cell.direction;
 
   // Contacts: sum of branch times force over the volume, with the fraction of the branch that lies in the
   // core.
   std::size_t cut = 0;
+  double touching = 0, fabric = 0;
   for (const Contact& contact : contacts.contacts) {
     const auto a = index.find(contact.first), b = index.find(contact.second);
     if (a == index.end() || b == index.end())
@@ -139,7 +209,10 @@ CoreState measure_core(const GrainFrame& frame, const ContactFrame& contacts, co
     if (!(distance > 0)) throw InputError(fmt::format("step {}: two grains at one place", frame.step));
     core.largest_overlap = std::max(core.largest_overlap, first.radius + second.radius - distance);
     Vec<3> force = contact.force;
-    if (cut_to_coulomb(force, (1 / distance) * r, cell.grain_friction)) ++cut;
+    const Vec<3> unit = (1 / distance) * r;
+    if (cut_to_coulomb(force, unit, cell.grain_friction,
+                       sjkr_attraction(first.radius, second.radius, distance, cell.cohesion)))
+      ++cut;
 
     const double from = std::min(first.x[2], second.x[2]), to = std::max(first.x[2], second.x[2]);
     const double inside = std::min(to, high) - std::max(from, low);
@@ -149,23 +222,31 @@ CoreState measure_core(const GrainFrame& frame, const ContactFrame& contacts, co
     else
       fraction = from >= low && from <= high ? 1 : 0;  // a branch in a horizontal plane
     if (fraction <= 0) continue;
+    touching += fraction;
+    fabric += fraction * unit[0] * unit[2];
     for (int i = 0; i < 3; ++i)
       for (int j = i; j < 3; ++j)
         core.stress(i, j) += fraction * 0.5 * (force[i] * r[j] + force[j] * r[i]) / volume;
   }
   if (!contacts.contacts.empty())
     core.cut_contacts = static_cast<double>(cut) / static_cast<double>(contacts.contacts.size());
+  double in_core = 0;  // grains, each with the part of its volume
+  for (std::size_t i = 0; i < moving.size(); ++i) {
+    const double r = frame.grains[i].radius;
+    in_core += moving[i].weight / (4.0 / 3 * std::numbers::pi * r * r * r);
+  }
+  core.coordination = 2 * touching / in_core;
+  core.fabric_xz = touching > 0 ? cell.direction * fabric / touching : 0;
+  core.stress(0, 1) *= cell.direction;
+  core.stress(0, 2) *= cell.direction;
   return core;
 }
 
 void integrate_strain(std::span<CoreState> frames, double time_step) {
-  double strain = 0;
-  for (std::size_t i = 0; i < frames.size(); ++i) {
-    if (i > 0) {
-      const double time = static_cast<double>(frames[i].step - frames[i - 1].step) * time_step;
-      strain += 0.5 * (frames[i].gamma_dot + frames[i - 1].gamma_dot) * time;
-    }
-    frames[i].strain = strain;
+  for (std::size_t i = 1; i < frames.size(); ++i) {
+    const double time = static_cast<double>(frames[i].step - frames[i - 1].step) * time_step;
+    frames[i].time = frames[i - 1].time + time;
+    frames[i].strain = frames[i - 1].strain + frames[i].gamma_dot * time;
   }
 }
 
@@ -180,22 +261,25 @@ double inertial_number(double gamma_dot, double p, const Measurement& cell) {
 }  // namespace
 
 SteadyMeans reduce_steady(std::span<const CoreState> frames, double strain_dropped, const Measurement& cell) {
-  enum Column : std::size_t { p_, tau_, phi_, rate_, xx_, yy_, columns_ };
+  enum Column : std::size_t { p_, tau_, phi_, rate_, xx_, yy_, opening_, columns_ };
   using Row = std::array<double, columns_>;
   std::vector<Row> rows;
+  SteadyMeans means;
   double from = 0, to = 0;
   for (const CoreState& f : frames) {
     if (f.strain < strain_dropped) continue;
     if (rows.empty()) from = f.strain;
     to = f.strain;
-    rows.push_back({f.p(), f.tau(), f.phi, f.gamma_dot, f.stress(0, 0), f.stress(1, 1)});
+    rows.push_back({f.p(), f.tau(), f.phi, f.gamma_dot, f.stress(0, 0), f.stress(1, 1), f.dilation_rate});
+    means.temperature += f.temperature;
+    means.coordination += f.coordination;
+    means.fabric_xz += f.fabric_xz;
   }
   // 8 blocks of at least 8 frames: below that the doubling of blocks has nothing to work with.
   if (rows.size() < 64)
     throw EngineError(fmt::format("only {} frames lie beyond the strain of {:.3g} that is dropped",
                                   rows.size(), strain_dropped));
 
-  SteadyMeans means;
   means.strain = to - from;
   means.frames = rows.size();
   const std::span<const Row> all(rows);
@@ -203,59 +287,94 @@ SteadyMeans reduce_steady(std::span<const CoreState> frames, double strain_dropp
   means.phi = block_jackknife(all, [](const Row& m) { return m[phi_]; });
   means.p = block_jackknife(all, [](const Row& m) { return m[p_]; });
   means.I = block_jackknife(all, [&](const Row& m) { return inertial_number(m[rate_], m[p_], cell); });
-  means.sigma_xx_over_p = block_jackknife(all, [](const Row& m) { return m[xx_] / m[p_]; });
-  means.sigma_yy_over_p = block_jackknife(all, [](const Row& m) { return m[yy_] / m[p_]; });
-  means.mean_stress_over_p = (means.sigma_xx_over_p.value + means.sigma_yy_over_p.value + 1) / 3;
+  means.N1 = block_jackknife(all, [](const Row& m) { return m[xx_] / m[p_] - 1; });
+  means.N2 = block_jackknife(all, [](const Row& m) { return 1 - m[yy_] / m[p_]; });
+  means.beta = block_jackknife(all, [](const Row& m) { return m[opening_] / m[rate_]; });
+  const auto n = static_cast<double>(rows.size());
+  means.coordination /= n;
+  means.fabric_xz /= n;
+  double rate = 0;
+  for (const Row& row : rows) rate += row[rate_] / n;
+  means.temperature /= n * rate * rate * cell.d * cell.d;
 
   const std::size_t half = rows.size() / 2;
-  double first = 0, second = 0;
-  for (std::size_t i = 0; i < half; ++i) {
-    first += rows[i][phi_];
-    second += rows[rows.size() - 1 - i][phi_];
-  }
+  Row first{}, second{};
+  for (std::size_t i = 0; i < half; ++i)
+    for (std::size_t k = 0; k < columns_; ++k) {
+      first[k] += rows[i][k] / static_cast<double>(half);
+      second[k] += rows[rows.size() - 1 - i][k] / static_cast<double>(half);
+    }
+  means.phi_change = second[phi_] - first[phi_];
+  means.mu_change = second[tau_] / second[p_] - first[tau_] / first[p_];
   // The difference of two halves has sqrt(2) * sqrt(2) = 2 times the standard error of the whole.
-  if (means.phi.standard_error > 0)
-    means.drift = (second - first) / static_cast<double>(half) / (2 * means.phi.standard_error);
+  if (means.phi.standard_error > 0) means.phi_drift = means.phi_change / (2 * means.phi.standard_error);
+  if (means.mu.standard_error > 0) means.mu_drift = means.mu_change / (2 * means.mu.standard_error);
   return means;
 }
 
 Transient reduce_transient(std::span<const CoreState> frames, double window, const Measurement& cell) {
   Transient transient;
-  if (frames.empty()) throw EngineError("the run has no frames");
+  if (frames.size() < 2) throw EngineError("the run has no frames");
   transient.phi_0 = frames.front().phi;
-  std::size_t begin = 0;
-  while (begin < frames.size()) {
-    std::size_t end = begin + 1;
-    while (end < frames.size() && frames[end].strain - frames[begin].strain < window) ++end;
-    // A last group that is shorter than a window would be noisier than the others: leave it out.
-    if (end == frames.size() && begin > 0 && frames[end - 1].strain - frames[begin].strain < 0.5 * window)
-      break;
-    double s = 0, rate = 0, p = 0, tau = 0, phi = 0, opening = 0, height = 0;
-    for (std::size_t i = begin; i < end; ++i) {
-      const CoreState& f = frames[i];
-      s += f.strain;
-      rate += f.gamma_dot;
-      p += f.p();
-      tau += f.tau();
-      phi += f.phi;
-      opening += f.dilation_rate;
-      height += f.height;
-    }
-    const auto n = static_cast<double>(end - begin);
-    if (!(p > 0) || !(rate > 0))
+
+  // Integrals over time up to where the strain first reaches s. Rates are means between frames; states are
+  // linear between them.
+  enum Column : std::size_t { time_, opening_, p_, tau_, phi_, height_, columns_ };
+  using Integrals = std::array<double, columns_>;
+  const auto step = [](const CoreState& a, const CoreState& b, double part) {
+    const double time = part * (b.time - a.time);
+    const auto linear = [&](double from, double to) { return time * (from + 0.5 * part * (to - from)); };
+    return Integrals{time,
+                     time * b.dilation_rate,
+                     linear(a.p(), b.p()),
+                     linear(a.tau(), b.tau()),
+                     linear(a.phi, b.phi),
+                     linear(a.height, b.height)};
+  };
+  const auto sum = [](Integrals a, const Integrals& b, double sign = 1) {
+    for (std::size_t k = 0; k < columns_; ++k) a[k] += sign * b[k];
+    return a;
+  };
+  Integrals whole{};
+  std::size_t next = 1;
+  const auto reach = [&](double s) {
+    for (; next + 1 < frames.size() && frames[next].strain < s; ++next)
+      whole = sum(whole, step(frames[next - 1], frames[next], 1));
+    const CoreState &a = frames[next - 1], &b = frames[next];
+    const double part =
+        b.strain > a.strain ? std::clamp((s - a.strain) / (b.strain - a.strain), 0.0, 1.0) : 1;
+    return sum(whole, step(a, b, part));
+  };
+  const double reached = std::max_element(frames.begin(), frames.end(), [](const auto& a, const auto& b) {
+                           return a.strain < b.strain;
+                         })->strain;
+
+  Integrals from{};
+  for (int k = 0; (k + 1) * window <= reached * (1 + 1e-12); ++k) {  // rounding must not cost the last window
+    const std::size_t before = next;
+    const Integrals to = reach((k + 1) * window);
+    if (k > 0 && next == before)
       throw EngineError(
-          fmt::format("between strain {:.3g} and {:.3g} the core has no pressure or is not sheared forward",
-                      frames[begin].strain, frames[end - 1].strain));
-    transient.s.push_back(s / n);
-    transient.gamma_dot.push_back(rate / n);
-    transient.p.push_back(p / n);
-    transient.mu.push_back(tau / p);
-    transient.I.push_back(inertial_number(rate / n, p / n, cell));
-    transient.phi.push_back(phi / n);
-    transient.beta.push_back(opening / rate);
-    transient.height.push_back(height / n);
-    begin = end;
+          fmt::format("no frame lies between the strains {:.3g} and {:.3g}: raise \"frames\" or \"window\"",
+                      k * window, (k + 1) * window));
+    const Integrals mean = sum(to, from, -1);
+    const double time = mean[time_];
+    if (!(mean[p_] > 0))
+      throw EngineError(fmt::format("between strain {:.3g} and {:.3g} the core has no pressure", k * window,
+                                    (k + 1) * window));
+    transient.s.push_back((k + 0.5) * window);
+    transient.gamma_dot.push_back(window / time);
+    transient.p.push_back(mean[p_] / time);
+    transient.mu.push_back(mean[tau_] / mean[p_]);
+    transient.I.push_back(inertial_number(window / time, mean[p_] / time, cell));
+    transient.phi.push_back(mean[phi_] / time);
+    transient.beta.push_back(mean[opening_] / window);
+    transient.height.push_back(mean[height_] / time);
+    from = to;
   }
+  if (transient.s.empty())
+    throw EngineError(
+        fmt::format("the core was sheared by {:.3g} only, less than a window of {:g}", reached, window));
   return transient;
 }
 

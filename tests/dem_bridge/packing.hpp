@@ -8,6 +8,7 @@
 
 #include <fmt/format.h>
 
+#include <cmath>
 #include <string>
 
 #include "dem_bridge/dump.hpp"
@@ -22,6 +23,7 @@ struct Lattice {
   double opening = 0;     ///< d v_z / d z [1/s]
   double normal = 0;      ///< force of each bond along z [N]
   double tangential = 0;  ///< along x; a positive one drags the upper grain back [N]
+  double strain = 0;      ///< layers have moved along x by strain times their height
 
   int grains() const { return columns_x * columns_y * layers; }
   std::int64_t id(int i, int j, int k) const { return 1 + i + columns_x * (j + columns_y * k); }
@@ -47,6 +49,9 @@ struct Lattice {
           g.id = id(i, j, k);
           g.type = k == 0 ? GrainType::bottom_wall : k == layers - 1 ? GrainType::top_wall : GrainType::flow;
           g.x = {{(i + 0.5) * a, (j + 0.5) * a, (k + 0.5) * a}};
+          const double length = columns_x * a;
+          g.x[0] += strain * g.x[2];
+          g.x[0] -= length * std::floor(g.x[0] / length);
           g.v = {{gamma_dot * g.x[2], 0, opening * g.x[2]}};
           g.radius = 0.5 * a;
           f.grains.push_back(g);
@@ -58,10 +63,18 @@ struct Lattice {
     ContactFrame f;
     f.step = step;
     f.box = box();
+    // A sheared lattice: the bond goes to the grain below that is nearest, a tilt of it turns part of the
+    // normal force into f_z b_x, which the tangential force makes up for. The stress is that of the upright
+    // lattice.
+    const double passed = std::round(strain);
+    const int shift = static_cast<int>(passed) % columns_x;
+    const double tilt = strain - passed;
     for (int k = 0; k + 1 < layers; ++k)
       for (int j = 0; j < columns_y; ++j)
         for (int i = 0; i < columns_x; ++i)  // the force on the upper grain: pushed up, dragged back
-          f.contacts.push_back({id(i, j, k + 1), id(i, j, k), {{-tangential, 0, normal}}});
+          f.contacts.push_back({id(i, j, k + 1),
+                                id((i + shift) % columns_x, j, k),
+                                {{-tangential - normal * tilt, 0, normal}}});
     return f;
   }
 };

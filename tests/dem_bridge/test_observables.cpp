@@ -40,10 +40,19 @@ Observables example() {
                         .mu_flat = i != 1,
                         .phi_flat = i != 2,
                         .phi_drift = -0.5 * i,
-                        .cpu_seconds = 12});
+                        .N1 = -0.02 * x,
+                        .N1_se = 0.004,
+                        .N2 = 0.06 + x,
+                        .N2_se = 0.005,
+                        .beta = 1e-4 * x,
+                        .beta_se = 2e-4,
+                        .temperature = 0.3 + x,
+                        .coordination = 4 - x,
+                        .fabric_xz = -0.05 - x});
   }
   Transient t;
-  t.run = "abc", t.kind = "start_up", t.seed = 7, t.I_driven = 0.03, t.phi_0 = 0.64, t.cpu_seconds = 17;
+  t.run = "abc", t.kind = "start_up", t.seed = 7, t.I_driven = 0.03, t.phi_0 = 0.64;
+  t.I_before = 0.01, t.load = 4000, t.load_before = 1000, t.packing_friction = 0.1;
   for (int i = 0; i < 5; ++i) {
     const double s = 0.05 * i;
     t.s.push_back(s), t.gamma_dot.push_back(20), t.p.push_back(1000 + s), t.mu.push_back(0.5 - s);
@@ -53,6 +62,7 @@ Observables example() {
   o.transients = {t, t};
   o.transients[1].seed = 8;
   o.excluded = {{"dead", "LIGGGHTS ended with code 1"}};
+  o.costs = {{"run0", "steady", 12}, {"abc", "start_up", 17}};
   return o;
 }
 
@@ -70,10 +80,14 @@ TEST_F(ObservablesFile, RoundTrip) {
   for (std::size_t i = 0; i < 3; ++i) {
     EXPECT_EQ(r.steady[i].run, o.steady[i].run);
     EXPECT_EQ(r.steady[i].seed, o.steady[i].seed);
-    for (auto member :
-         {&SteadyPoint::I_driven, &SteadyPoint::I, &SteadyPoint::I_se, &SteadyPoint::mu, &SteadyPoint::mu_se,
-          &SteadyPoint::phi, &SteadyPoint::phi_se, &SteadyPoint::p, &SteadyPoint::p_se, &SteadyPoint::wall_mu,
-          &SteadyPoint::wall_p, &SteadyPoint::strain, &SteadyPoint::phi_drift, &SteadyPoint::cpu_seconds})
+    for (auto member : {&SteadyPoint::I_driven,  &SteadyPoint::I,           &SteadyPoint::I_se,
+                        &SteadyPoint::mu,        &SteadyPoint::mu_se,       &SteadyPoint::phi,
+                        &SteadyPoint::phi_se,    &SteadyPoint::p,           &SteadyPoint::p_se,
+                        &SteadyPoint::wall_mu,   &SteadyPoint::wall_p,      &SteadyPoint::strain,
+                        &SteadyPoint::phi_drift, &SteadyPoint::N1,          &SteadyPoint::N1_se,
+                        &SteadyPoint::N2,        &SteadyPoint::N2_se,       &SteadyPoint::beta,
+                        &SteadyPoint::beta_se,   &SteadyPoint::temperature, &SteadyPoint::coordination,
+                        &SteadyPoint::fabric_xz})
       EXPECT_EQ(r.steady[i].*member, o.steady[i].*member);
     for (auto member : {&SteadyPoint::I_flat, &SteadyPoint::mu_flat, &SteadyPoint::phi_flat})
       EXPECT_EQ(r.steady[i].*member, o.steady[i].*member);
@@ -81,12 +95,18 @@ TEST_F(ObservablesFile, RoundTrip) {
   ASSERT_EQ(r.transients.size(), 2U);
   EXPECT_EQ(r.transients[1].seed, 8);
   EXPECT_EQ(r.transients[0].kind, "start_up");
-  EXPECT_EQ(r.transients[0].phi_0, 0.64);
+  for (auto member : {&Transient::phi_0, &Transient::I_driven, &Transient::I_before, &Transient::load,
+                      &Transient::load_before, &Transient::packing_friction})
+    EXPECT_EQ(r.transients[0].*member, o.transients[0].*member);
   for (auto member : {&Transient::s, &Transient::gamma_dot, &Transient::p, &Transient::mu, &Transient::I,
                       &Transient::phi, &Transient::beta, &Transient::height})
     EXPECT_EQ(r.transients[0].*member, o.transients[0].*member);
   ASSERT_EQ(r.excluded.size(), 1U);
   EXPECT_EQ(r.excluded[0].reason, o.excluded[0].reason);
+  ASSERT_EQ(r.costs.size(), 2U);
+  EXPECT_EQ(r.costs[1].run, "abc");
+  EXPECT_EQ(r.costs[1].kind, "start_up");
+  EXPECT_EQ(r.cpu_seconds(), 29);
 }
 
 TEST_F(ObservablesFile, AnEmptySweepIsAFileToo) {

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numbers>
 
+#include "dem_bridge/contact_force.hpp"
 #include "dem_bridge/reduce.hpp"
 #include "tests/base/helpers.hpp"
 #include "tests/dem_bridge/packing.hpp"
@@ -72,6 +73,93 @@ TEST(MeasureCore, LatticeIsExact) {
   EXPECT_NEAR(core.kinetic_zz, 0, 1e-12);
   EXPECT_NEAR(core.largest_overlap, 0, 1e-15);
   EXPECT_EQ(core.cut_contacts, 0);
+}
+
+/// The lattice after the time t: every grain where its velocity has led it, wrapped into the box.
+GrainFrame moved(const Lattice& lattice, std::int64_t step, double t) {
+  GrainFrame frame = lattice.frame(step);
+  for (Grain& g : frame.grains) {
+    g.x += t * g.v;
+    const double length = frame.box.high[0] - frame.box.low[0];
+    g.x[0] -= length * std::floor(g.x[0] / length);
+  }
+  return frame;
+}
+
+TEST(MeasureCore, RatesAreThoseOfTheDisplacement) {
+  Lattice lattice;
+  lattice.gamma_dot = 30;
+  lattice.opening = 2;
+  const Measurement cell = measurement();
+  const double t = 0.1;  // a strain of 3: the highest grains cross the box seven times
+  const GrainFrame before = lattice.frame(0);
+  GrainFrame now = moved(lattice, 100000, t);
+  const CoreState core = measure_core(now, {100000, now.box, {}}, cell, &before);
+  // Grains part from each other as exp(2 t) by their own motion; x grows linearly in time, so the slopes are
+  // those over the mean height: v_z = 2 z_0, z_mean = z_0 (1 + t).
+  EXPECT_NEAR(core.gamma_dot, 30 / (1 + t), 1e-9);
+  EXPECT_NEAR(core.dilation_rate, 2 / (1 + t), 1e-9);
+
+  // Rattling that cancels between the frames is not seen; the kinetic stress sees it.
+  for (Grain& g : now.grains) g.v[2] += static_cast<double>(g.id % 3 - 1) * 0.1;
+  const CoreState rattling = measure_core(now, {100000, now.box, {}}, cell, &before);
+  EXPECT_EQ(rattling.dilation_rate, core.dilation_rate);
+  EXPECT_GT(rattling.kinetic_zz, core.kinetic_zz);
+  EXPECT_CONTAINS(message_of<InputError>([&] {
+                    measure_core(before, {0, before.box, {}}, cell, &now);
+                  }),
+                  "step 100000 is not before step 0");
+  GrainFrame fewer = before;
+  fewer.grains.pop_back();
+  EXPECT_CONTAINS(message_of<InputError>([&] {
+                    measure_core(now, {100000, now.box, {}}, cell, &fewer);
+                  }),
+                  "was not there at step 0");
+}
+
+TEST(MeasureCore, AReversedFlowIsMirrored) {
+  Lattice lattice;
+  lattice.gamma_dot = 30;
+  lattice.normal = 2e-3, lattice.tangential = 7e-4;
+  const CoreState forth = measure_core(lattice.frame(0), lattice.contacts(0), measurement());
+  lattice.gamma_dot = -30;
+  lattice.tangential = -7e-4;
+  Measurement mirrored = measurement();
+  mirrored.direction = -1;
+  const CoreState back = measure_core(lattice.frame(0), lattice.contacts(0), mirrored);
+  EXPECT_NEAR(back.gamma_dot, forth.gamma_dot, 1e-12);
+  EXPECT_NEAR(back.tau(), forth.tau(), 1e-9);
+  EXPECT_NEAR(back.p(), forth.p(), 1e-9);
+}
+
+TEST(MeasureCore, CountsContactsAndTheirDirections) {
+  // One bond up and one down for each grain: two contacts a grain, all along z. Then one more, at 45 degrees.
+  Lattice lattice;
+  lattice.normal = 1e-3;
+  const GrainFrame frame = lattice.frame(0);
+  ContactFrame contacts = lattice.contacts(0);
+  const CoreState core = measure_core(frame, contacts, measurement());
+  EXPECT_NEAR(core.coordination, 2, 1e-12);
+  EXPECT_NEAR(core.fabric_xz, 0, 1e-15);
+  contacts.contacts.push_back({lattice.id(2, 2, 6), lattice.id(1, 2, 5), {{1e-3, 0, 1e-3}}});
+  const CoreState tilted = measure_core(frame, contacts, measurement());
+  // The core holds 6 layers of 25 grains and as many bonds.
+  EXPECT_NEAR(tilted.coordination, 2 + 2.0 / 150, 1e-12);
+  EXPECT_NEAR(tilted.fabric_xz, 0.5 / 151, 1e-12);
+}
+
+TEST(MeasureCore, CohesionRaisesCoulombsLimit) {
+  // Two equal spheres cut each other in a circle of radius r_c, r_c^2 = r^2 - (distance/2)^2.
+  const double r = 0.5e-3, distance = 0.99e-3, cohesion = 1e5;
+  const double area = std::numbers::pi * (r * r - 0.25 * distance * distance);
+  EXPECT_NEAR(sjkr_attraction(r, r, distance, cohesion), cohesion * area, 1e-12 * cohesion * area);
+  EXPECT_EQ(sjkr_attraction(r, r, 1.01e-3, cohesion), 0);
+  Vec<3> force{{0.9, 0, 1}};
+  EXPECT_TRUE(cut_to_coulomb(force, {{0, 0, 1}}, 0.5));
+  EXPECT_NEAR(force[0], 0.5, 1e-15);
+  force = {{0.9, 0, 1}};
+  EXPECT_FALSE(cut_to_coulomb(force, {{0, 0, 1}}, 0.5, 0.8));  // repulsion 1.8, limit 0.9
+  EXPECT_EQ(force[0], 0.9);
 }
 
 TEST(MeasureCore, OneContactCountsWithItsPartOfTheBranch) {
@@ -156,7 +244,8 @@ std::vector<CoreState> relaxing(double phi_0, double phi_eq, double s_star, std:
     f.gamma_dot = 2;  // 0.02 of strain a frame at the time step of measurement()
     const double s = 0.02 * static_cast<double>(i);
     f.phi = phi_eq + (phi_0 - phi_eq) * std::exp(-s / s_star);
-    f.dilation_rate = f.gamma_dot * (1 - phi_eq / f.phi) / s_star;
+    // The mean over the time since the frame before, 0.01 s at 10^4 steps: volume grows as 1/phi.
+    if (i > 0) f.dilation_rate = std::log(frames[i - 1].phi / f.phi) / 0.01;
     f.stress(2, 2) = 1000;
     f.stress(0, 2) = -400;
     f.height = 0.015;
@@ -171,7 +260,8 @@ TEST(ReduceTransient, FollowsARelaxation) {
   EXPECT_NEAR(frames.back().strain, 0.02 * 199, 1e-12);
   const Transient t = reduce_transient(frames, 0.1, cell);
   EXPECT_EQ(t.phi_0, 0.64);
-  ASSERT_GE(t.s.size(), 35U);
+  ASSERT_EQ(t.s.size(), 39U);
+  double opening = 0;
   for (std::size_t i = 0; i < t.s.size(); ++i) {
     EXPECT_NEAR(t.mu[i], 0.4, 1e-14);
     EXPECT_NEAR(t.I[i], 2 * a / std::sqrt(1000 / 2500.0), 1e-15);
@@ -179,7 +269,37 @@ TEST(ReduceTransient, FollowsARelaxation) {
     const double phi = 0.58 + 0.06 * std::exp(-t.s[i] / 0.3);
     EXPECT_NEAR(t.phi[i], phi, 4e-4);
     EXPECT_NEAR(t.beta[i], (1 - 0.58 / phi) / 0.3, 2e-3);
+    EXPECT_DOUBLE_EQ(t.s[i], 0.1 * (static_cast<double>(i) + 0.5)) << "the axis is the same for all runs";
+    EXPECT_NEAR(t.gamma_dot[i], 2, 1e-12);
+    opening += 0.1 * t.beta[i];
   }
+  // beta is the exact mean of each window, so its integral is that of the volume.
+  const double last = 0.58 + 0.06 * std::exp(-3.9 / 0.3);
+  EXPECT_NEAR(opening, std::log(0.64 / last), 1e-12);
+  EXPECT_CONTAINS(message_of<EngineError>([&] { reduce_transient(frames, 0.01, cell); }), "raise \"frames\"");
+  EXPECT_CONTAINS(message_of<EngineError>([&] { reduce_transient(frames, 5, cell); }), "less than a window");
+}
+
+TEST(ReduceTransient, StrainThatTurnsBackIsCountedOnce) {
+  // The core shears forward by 0.3, back by 0.1 and forward by 0.8 again while it dilates steadily in time: a
+  // window ends where its strain is first reached.
+  std::vector<CoreState> frames(13);
+  const Measurement cell = measurement();
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    frames[i].step = static_cast<std::int64_t>(10000 * i);
+    frames[i].gamma_dot = i == 4 ? -10 : 10;
+    frames[i].dilation_rate = 1;
+    frames[i].phi = 0.6, frames[i].stress(2, 2) = 1000;
+  }
+  integrate_strain(frames, cell.time_step);
+  EXPECT_NEAR(frames.back().strain, 1.0, 1e-12);
+  const Transient t = reduce_transient(frames, 0.2, cell);
+  ASSERT_EQ(t.s.size(), 5U);
+  // 0.02 s of dilation in the windows without a turn, 0.04 s in the one from 0.2 to 0.4.
+  EXPECT_NEAR(t.beta[0], 0.1, 1e-12);
+  EXPECT_NEAR(t.beta[1], 0.2, 1e-12);
+  EXPECT_NEAR(t.beta[2], 0.1, 1e-12);
+  EXPECT_NEAR(t.gamma_dot[1], 5, 1e-12);
 }
 
 TEST(ReduceSteady, DropsTheStartUpByStrain) {
