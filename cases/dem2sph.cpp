@@ -333,7 +333,8 @@ int program(int argc, char** argv) {
     return app.exit(error) == 0 ? 0 : static_cast<int>(ExitCode::usage);
   }
   if (chosen == sweep && (options.case_file.empty() || options.output.empty())) {
-    fmt::print(stderr, "sweep needs a CASE and -o DIR (or: sweep status DIR, sweep retry DIR, sweep prune DIR)\n");
+    fmt::print(stderr,
+               "sweep needs a CASE and -o DIR (or: sweep status DIR, sweep retry DIR, sweep prune DIR)\n");
     return static_cast<int>(ExitCode::usage);
   }
   return static_cast<int>(chosen(options));
