@@ -5,6 +5,7 @@
 #include <spdlog/spdlog.h>
 
 #include <CLI/CLI.hpp>
+#include <csignal>
 #include <iostream>
 
 #include "cases/case_template.hpp"
@@ -348,6 +349,9 @@ int main(int argc, char** argv) {
   spdlog::set_default_logger(spdlog::stderr_logger_mt("dem2sph"));
   spdlog::set_pattern("dem2sph: %v");
   dem2sph::install_stop_handlers();
+  // A file that may not grow any more is to be an error of that write, as on a full disk, and no sudden
+  // death.
+  std::signal(SIGXFSZ, SIG_IGN);
   try {
     return dem2sph::program(argc, argv);
   } catch (const dem2sph::Error& error) {

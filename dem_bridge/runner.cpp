@@ -105,6 +105,10 @@ std::string ask_engine(const std::vector<std::string>& arguments) {
   std::error_code ignored;  // a temporary file that stays behind harms nobody
   fs::remove(output, ignored);
   if (result.stopped) throw Interrupted("stopped while asking LIGGGHTS what it is");
+  if (result.signal != 0)
+    throw EngineError(fmt::format("\"{}\" was killed by signal {} while it was asked for its {}; try again",
+                                  engine_program(), result.signal,
+                                  arguments[0] == "-help" ? "styles" : "version"));
   return text.str();
 }
 
