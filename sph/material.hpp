@@ -3,38 +3,53 @@
 
 #include <fmt/format.h>
 
+#include <array>
+#include <optional>
 #include <stdexcept>
+#include <string>
+#include <type_traits>
 #include <variant>
 
 #include "sph/base/errors.hpp"
 #include "sph/base/law_file.hpp"
+#include "sph/rheology/dilation.hpp"
 #include "sph/rheology/friction.hpp"
 
 namespace dem2sph {
 
-/// The friction law that a law file states. Throws InputError if there is no such law, or none with these
-/// parameters.
-inline FrictionLaw friction_law(const LawFile& file) {
-  const FittedLaw& law = file.friction;
-  if (law.member == "constant") return ConstantFriction<double>{law["mu"]};
-  if (law.member == "rational") return RationalFriction<double>{law["mu_l"], law["mu_h"], law["D_star"]};
-  if (law.member == "rational_rate")
-    return RationalRateFriction<double>{law["mu_l"], law["mu_h"], law["D_star"]};
-  if (law.member == "barker_gray_2017") {
-    const double mu_s = law["mu_s"];
-    const double mu_2 = law["mu_2"];
-    const double I_0 = law["I_0"];
-    const double mu_inf = law["mu_inf"];
-    const double alpha = law["alpha"];
-    try {
-      return BarkerGray2017<double>(mu_s, mu_2, I_0, mu_inf, alpha);
-    } catch (const std::invalid_argument& error) {
-      throw InputError(fmt::format(
-          "no barker_gray_2017 law with mu_s = {}, mu_2 = {}, I_0 = {}, mu_inf = {}, alpha = {}: {}", mu_s,
-          mu_2, I_0, mu_inf, alpha, error.what()));
+/// The member of a family (a variant) that has the name `law.member`, made from its parameters by their
+/// names. Throws InputError if there is no such member, if a parameter is missing, or if no law has these
+/// values.
+template <class Family>
+Family law_of(const FittedLaw& law, const char* what) {
+  std::optional<Family> found;
+  const auto try_member = [&]<class Member>(std::type_identity<Member>) {
+    if (found || law.member != Member::name) return;
+    std::array<double, Member::parameters.size()> values{};
+    std::string list;
+    for (std::size_t k = 0; k < values.size(); ++k) {
+      values[k] = law[Member::parameters[k]];
+      list += fmt::format("{}{} = {}", k > 0 ? ", " : "", Member::parameters[k], values[k]);
     }
-  }
-  throw InputError(fmt::format("unknown friction law \"{}\"", law.member));
+    try {
+      found = make_law<Member>(values);
+    } catch (const std::invalid_argument& error) {
+      throw InputError(fmt::format("no {} law with {}: {}", Member::name, list, error.what()));
+    }
+  };
+  [&]<class... Members>(std::type_identity<std::variant<Members...>>) {
+    (try_member(std::type_identity<Members>{}), ...);
+  }(std::type_identity<Family>{});
+  if (!found) throw InputError(fmt::format("unknown {} law \"{}\"", what, law.member));
+  return *found;
+}
+
+inline FrictionLaw friction_law(const LawFile& file) {
+  return law_of<FrictionLaw>(file.friction, "friction");
+}
+
+inline SteadySolidFraction solid_fraction_law(const LawFile& file) {
+  return {law_of<decltype(SteadySolidFraction::law)>(file.solid_fraction, "solid fraction")};
 }
 
 /// mu at rest: the tangent of the steepest slope that stands. 0 for a law without a yield stress.

@@ -145,12 +145,18 @@ const ParameterTable law_table{
     {
         {"d", Kind::quantity, "m", 1e-9, 10, "required", "Mean grain diameter."},
         {"rho_s", Kind::quantity, "kg/m^3", 1, 1e5, "required", "Density of the grains' material."},
-        word("friction", "rational", "The friction law.", {"rational", "constant", "barker_gray_2017"}),
+        word("friction", "rational", "The friction law.",
+             {"rational", "exponential", "power", "linear", "constant", "barker_gray_2017"}),
         {"mu", Kind::number, "", 0, 3, "unset", "constant: its friction."},
-        {"mu_l", Kind::number, "", 0, 3, "unset", "rational: friction at I -> 0."},
-        {"mu_h", Kind::number, "", 0, 3, "unset", "rational: friction at I -> infinity."},
+        {"mu_l", Kind::number, "", 0, 3, "unset",
+         "rational, exponential, power, linear: friction at I -> 0."},
+        {"mu_h", Kind::number, "", 0, 3, "unset", "rational, exponential: friction at I -> infinity."},
         {"D_star", Kind::number_or_quantity, "1/s", 1e-9, 1e6, "unset",
-         "rational: I at which half of the range is reached; with the unit 1/s it is a shear rate instead."},
+         "rational: I at which half of the range is reached; with the unit 1/s it is a shear rate instead. "
+         "exponential: I at which 63 % are."},
+        {"a", Kind::number, "", 0, 100, "unset", "power: mu = mu_l + a I^n."},
+        {"n", Kind::number, "", 0.01, 4, "unset", "power: exponent of I."},
+        {"rise", Kind::number, "", 0, 100, "unset", "linear: mu = mu_l + rise I."},
         {"mu_s", Kind::number, "", 1e-6, 3, "unset",
          "barker_gray_2017: friction at I -> 0 of the upper branch."},
         {"mu_2", Kind::number, "", 1e-6, 3, "unset", "barker_gray_2017: friction that mu(I) would tend to."},
@@ -432,7 +438,7 @@ Parts read_parts(const Section& flow, const LawFile& law, double K) {
                   "dilation",
                   fmt::format("dilation = \"{}\" needs a law with s_star (a fit of start-ups, or law.s_star)",
                               T::name));
-            dilation.law.phi_eq = {law.solid_fraction["phi_c"], law.solid_fraction["b"]};
+            dilation.law.phi_eq = solid_fraction_law(law);
             dilation.law.s_star = law.dilation["s_star"];
             dilation.law.limits = limits;
             if (std::is_same_v<T, DilationEvolves> && law.dilation.member == "printed")
@@ -473,14 +479,22 @@ LawFile law_of_case(const CaseFile& file) {
   };
   if (member == "constant") {
     law.friction = {member, {given("mu", required("mu"))}, 0};
-  } else if (member == "rational") {
+  } else if (member == "power") {
+    law.friction = {
+        member, {given("mu_l", required("mu_l")), given("a", required("a")), given("n", required("n"))}, 0};
+  } else if (member == "linear") {
+    law.friction = {member, {given("mu_l", required("mu_l")), given("rise", required("rise"))}, 0};
+  } else if (member == "rational" || member == "exponential") {
     const double mu_l = required("mu_l");
     const double mu_h = required("mu_h");
     const double D_star = section.number_or_quantity("D_star");
     if (std::isnan(D_star))
-      section.refuse("D_star", "lacks the key \"D_star\", which friction = \"rational\" needs");
+      section.refuse("D_star",
+                     fmt::format("lacks the key \"D_star\", which friction = \"{}\" needs", member));
     const bool rate = section.has_unit("D_star");
-    law.friction = {rate ? "rational_rate" : "rational",
+    if (rate && member != "rational")
+      section.refuse("D_star", "only the rational law takes a rate; give \"D_star\" without a unit");
+    law.friction = {rate ? "rational_rate" : member,
                     {given("mu_l", mu_l), given("mu_h", mu_h), given("D_star", D_star, rate ? "1/s" : "1")},
                     0};
     if (mu_h < mu_l) section.refuse("mu_h", "\"mu_h\" may not be below \"mu_l\"");

@@ -219,7 +219,7 @@ class Solver final : public Flow {
             } else if constexpr (has_dilation_state<D>) {
               if (q_.beta[i] <= dilation.law.limits.lowest || q_.beta[i] >= dilation.law.limits.highest)
                 b.beta_limited += q_.m[i];
-              if (dilation.law.phi_eq(I) <= dilation.law.phi_eq.phi_min) b.phi_at_floor += q_.m[i];
+              if (dilation.law.phi_eq(I) <= dilation.law.phi_eq.phi_min()) b.phi_at_floor += q_.m[i];
             }
           },
           parts_.dilation);

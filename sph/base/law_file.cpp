@@ -155,9 +155,16 @@ LawFile law_file_from_json(const json& j) {
   const std::string& friction = law.friction.member;
   if (friction == "constant") {
     positive(law.friction["mu"], "mu");
-  } else if (friction == "rational" || friction == "rational_rate") {
+  } else if (friction == "rational" || friction == "rational_rate" || friction == "exponential") {
     positive(law.friction["D_star"], "D_star");
     ordered("mu_l", "mu_h");
+  } else if (friction == "power") {
+    positive(law.friction["mu_l"], "mu_l");
+    not_negative(law.friction["a"], "a");
+    positive(law.friction["n"], "n");
+  } else if (friction == "linear") {
+    positive(law.friction["mu_l"], "mu_l");
+    not_negative(law.friction["rise"], "rise");
   } else if (friction == "barker_gray_2017") {
     ordered("mu_s", "mu_2");
     positive(law.friction["I_0"], "I_0");
@@ -166,11 +173,19 @@ LawFile law_file_from_json(const json& j) {
   } else {
     throw refuse(fmt::format("unknown friction law \"{}\"", friction));
   }
-  if (law.solid_fraction.member == "linear") {
-    positive(law.solid_fraction["phi_c"], "phi_c");
-    if (!std::isfinite(law.solid_fraction["b"])) throw refuse("b is not finite");
-  } else {
-    throw refuse(fmt::format("unknown solid fraction law \"{}\"", law.solid_fraction.member));
+  const std::string& solid_fraction = law.solid_fraction.member;
+  if (solid_fraction != "linear" && solid_fraction != "power" && solid_fraction != "rational")
+    throw refuse(fmt::format("unknown solid fraction law \"{}\"", solid_fraction));
+  positive(law.solid_fraction["phi_c"], "phi_c");
+  if (solid_fraction == "linear" && !std::isfinite(law.solid_fraction["b"])) throw refuse("b is not finite");
+  if (solid_fraction == "power") {
+    not_negative(law.solid_fraction["a"], "a");
+    positive(law.solid_fraction["n"], "n");
+  }
+  if (solid_fraction == "rational") {
+    not_negative(law.solid_fraction["phi_h"], "phi_h");
+    positive(law.solid_fraction["I_phi"], "I_phi");
+    if (!(law.solid_fraction["phi_h"] <= law.solid_fraction["phi_c"])) throw refuse("phi_h is above phi_c");
   }
   const std::string& dilation = law.dilation.member;
   if (dilation == "phi_relaxes" || dilation == "printed") positive(law.dilation["s_star"], "s_star");

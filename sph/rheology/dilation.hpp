@@ -1,7 +1,7 @@
 // Solid fraction and dilation: phi_eq(I), and how phi and beta relax after a change (Eq. 5.22, closed from
 // DEM).
 //
-//   steady:     phi_eq(I) = phi_c - b I
+//   steady:     phi_eq(I) = phi_c - b I (linear; power and rational beside it)
 //   transient:  d(phi)/ds = -(phi - phi_eq)/s*      =>      beta = -(1/phi) d(phi)/ds = (1 - phi_eq/phi)/s*
 //
 // An example: s* = 0.4, phi_eq = 0.585. A sample packed to 0.61 starts with beta = (1 - 0.585/0.61)/0.4 =
@@ -12,23 +12,86 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <variant>
 
 namespace dem2sph {
 
-/// Linear solid fraction phi_eq = max(phi_c - b I, phi_min), I >= 0. The floor is where the linear law ends:
-/// as p -> 0, I diverges. phi_min = 0.4 is far below any dense flow; where it acts beta is that of a gas,
-/// which mu limits anyway.
+/// Where every steady law ends: as p -> 0, I diverges, and a law that falls without limit would turn
+/// negative. 0.4 is far below any dense flow; where it acts beta is that of a gas, which mu limits anyway.
+inline constexpr double least_solid_fraction = 0.4;
+
+/// phi, or the floor; a NaN stays one.
+template <class T>
+T with_floor(const T& phi, double phi_min) {
+  return phi < phi_min ? T(phi_min) : phi;
+}
+
+/// Linear solid fraction phi_eq = phi_c - b I, I >= 0 (da Cruz et al. 2005).
 template <class T>
 struct LinearSolidFraction {
+  static constexpr const char* name = "linear";
+  static constexpr std::array<const char*, 2> parameters{"phi_c", "b"};
   T phi_c{};
   T b{};
-  double phi_min = 0.4;
+  double phi_min = least_solid_fraction;
 
   template <class U>
   auto operator()(const U& I) const {
-    const auto phi = phi_c - b * I;
-    return phi < phi_min ? decltype(phi)(phi_min) : phi;  // so that a NaN stays one
+    return with_floor(phi_c - b * I, phi_min);
+  }
+};
+
+/// Power law phi_eq = phi_c - a I^n, n > 0.
+template <class T>
+struct PowerSolidFraction {
+  static constexpr const char* name = "power";
+  static constexpr std::array<const char*, 3> parameters{"phi_c", "a", "n"};
+  T phi_c{};
+  T a{};
+  T n{};
+  double phi_min = least_solid_fraction;
+
+  template <class U>
+  auto operator()(const U& I) const {
+    using std::exp;
+    using std::log;
+    using Result = decltype(phi_c - a * I);
+    if (I == 0.0) return Result(phi_c);  // so that no derivative is 0 times infinity
+    return with_floor(Result(phi_c - a * exp(n * log(I))), phi_min);
+  }
+};
+
+/// Rational solid fraction phi_eq = phi_c - (phi_c - phi_h) I/(I + I_phi): the form of the friction law, from
+/// phi_c at rest to phi_h at infinite I; slope (phi_c - phi_h)/I_phi at rest.
+template <class T>
+struct RationalSolidFraction {
+  static constexpr const char* name = "rational";
+  static constexpr std::array<const char*, 3> parameters{"phi_c", "phi_h", "I_phi"};
+  T phi_c{};
+  T phi_h{};
+  T I_phi{};
+  double phi_min = least_solid_fraction;
+
+  template <class U>
+  auto operator()(const U& I) const {
+    return with_floor(phi_c - (phi_c - phi_h) * (I / (I + I_phi)), phi_min);
+  }
+};
+
+/// Any member, called like one: chosen when a flow is set up, looked up once a particle and step.
+struct SteadySolidFraction {
+  std::variant<LinearSolidFraction<double>, PowerSolidFraction<double>, RationalSolidFraction<double>> law;
+
+  double operator()(double I) const {
+    return std::visit([I](const auto& member) { return member(I); }, law);
+  }
+  double phi_c() const {
+    return std::visit([](const auto& member) { return member.phi_c; }, law);
+  }
+  double phi_min() const {
+    return std::visit([](const auto& member) { return member.phi_min; }, law);
   }
 };
 

@@ -8,16 +8,19 @@
 // 2006).
 //
 // The law is one of a family. Every member has
+//   name, parameters    as in a law file; the parameters in the order in which they make the law
 //   law(I, gamma_dot)   the steady friction coefficient; law(I) too where I alone decides
 //   slope(x)            its derivative by I, or by gamma_dot [s] for a member of the rate
 //   of_rate             whether gamma_dot decides instead of I
 //   has_yield_stress    whether mu > 0 at rest: without, nothing ever stands still, it creeps
 #pragma once
 
+#include <array>
 #include <cmath>
 #include <concepts>
 #include <limits>
 #include <stdexcept>
+#include <utility>
 #include <variant>
 
 #include "sph/rheology/well_posedness.hpp"
@@ -37,6 +40,7 @@ T inertial_number(const T& gamma_dot, const T& p, double d, double rho_s) {
 template <class T>
 struct ConstantFriction {
   static constexpr const char* name = "constant";
+  static constexpr std::array<const char*, 1> parameters{"mu"};
   static constexpr bool of_rate = false;
   static constexpr bool has_yield_stress = true;
   T mu{};
@@ -60,6 +64,7 @@ struct ConstantFriction {
 template <class T>
 struct RationalFriction {
   static constexpr const char* name = "rational";
+  static constexpr std::array<const char*, 3> parameters{"mu_l", "mu_h", "D_star"};
   static constexpr bool of_rate = false;
   static constexpr bool has_yield_stress = true;
   T mu_l{};
@@ -83,12 +88,102 @@ struct RationalFriction {
   }
 };
 
+/// Exponential approach to mu_h: mu = mu_l + (mu_h - mu_l)(1 - exp(-I/D*)), mu_h >= mu_l, D_star > 0. It
+/// starts with the slope of the rational law and saturates much sooner.
+template <class T>
+struct ExponentialFriction {
+  static constexpr const char* name = "exponential";
+  static constexpr std::array<const char*, 3> parameters{"mu_l", "mu_h", "D_star"};
+  static constexpr bool of_rate = false;
+  static constexpr bool has_yield_stress = true;
+  T mu_l{};
+  T mu_h{};
+  T D_star{};
+
+  template <class U>
+  auto operator()(const U& I) const {
+    using std::expm1;
+    return mu_l - (mu_h - mu_l) * expm1(-(I / D_star));
+  }
+  template <class U>
+  auto operator()(const U& I, const U& /*gamma_dot*/) const {
+    return (*this)(I);
+  }
+  template <class U>
+  auto slope(const U& I) const {
+    using std::exp;
+    return (mu_h - mu_l) / D_star * exp(-(I / D_star));
+  }
+};
+
+/// Power law mu = mu_l + a I^n, a >= 0, n > 0 (n = 0.5: Hatano 2007; 1: linear). It has no upper limit.
+template <class T>
+struct PowerFriction {
+  static constexpr const char* name = "power";
+  static constexpr std::array<const char*, 3> parameters{"mu_l", "a", "n"};
+  static constexpr bool of_rate = false;
+  static constexpr bool has_yield_stress = true;
+  T mu_l{};
+  T a{};
+  T n{};
+
+  template <class U>
+  auto operator()(const U& I) const {
+    using std::exp;
+    using std::log;
+    using Result = decltype(mu_l + a * I);
+    if (I == 0.0) return Result(mu_l);  // so that no derivative is 0 times infinity
+    return Result(mu_l + a * exp(n * log(I)));
+  }
+  template <class U>
+  auto operator()(const U& I, const U& /*gamma_dot*/) const {
+    return (*this)(I);
+  }
+  /// Infinite at I = 0 for n < 1.
+  template <class U>
+  auto slope(const U& I) const {
+    using std::exp;
+    using std::log;
+    using Result = decltype(mu_l + a * I);
+    if (I == 0.0) {
+      if (n < 1.0) return Result(std::numeric_limits<double>::infinity());
+      return Result(n > 1.0 ? 0.0 * a : 1.0 * a);
+    }
+    return Result(a * n * exp((n - 1.0) * log(I)));
+  }
+};
+
+/// Straight line mu = mu_l + rise I, rise >= 0 (da Cruz et al. 2005 for slow flows). It has no upper limit.
+template <class T>
+struct LinearFriction {
+  static constexpr const char* name = "linear";
+  static constexpr std::array<const char*, 2> parameters{"mu_l", "rise"};
+  static constexpr bool of_rate = false;
+  static constexpr bool has_yield_stress = true;
+  T mu_l{};
+  T rise{};
+
+  template <class U>
+  auto operator()(const U& I) const {
+    return mu_l + rise * I;
+  }
+  template <class U>
+  auto operator()(const U& I, const U& /*gamma_dot*/) const {
+    return (*this)(I);
+  }
+  template <class U>
+  auto slope(const U& I) const {
+    return decltype(rise * I)(rise);
+  }
+};
+
 /// The other reading of D* in Eq. 5.8 (reconstructed): a rate [1/s], mu = mu_l + (mu_h - mu_l) g/(g + D*). It
 /// makes the shear rate the same at every depth of a flow down an incline, so the velocity profile is linear
 /// there, where Bagnold's has the power 1.5. There is no call with I alone, on purpose.
 template <class T>
 struct RationalRateFriction {
   static constexpr const char* name = "rational_rate";
+  static constexpr std::array<const char*, 3> parameters{"mu_l", "mu_h", "D_star"};
   static constexpr bool of_rate = true;
   static constexpr bool has_yield_stress = true;
   T mu_l{};
@@ -144,6 +239,7 @@ struct BarkerGrayFlowing {
 template <class T>
 struct BarkerGray2017 {
   static constexpr const char* name = "barker_gray_2017";
+  static constexpr std::array<const char*, 5> parameters{"mu_s", "mu_2", "I_0", "mu_inf", "alpha"};
   static constexpr bool of_rate = false;
   static constexpr bool has_yield_stress = false;
   BarkerGrayFlowing<T> flowing;
@@ -201,7 +297,17 @@ struct BarkerGray2017 {
 };
 
 using FrictionLaw = std::variant<ConstantFriction<double>, RationalFriction<double>,
-                                 RationalRateFriction<double>, BarkerGray2017<double>>;
+                                 RationalRateFriction<double>, ExponentialFriction<double>,
+                                 PowerFriction<double>, LinearFriction<double>, BarkerGray2017<double>>;
+
+/// A member from its parameters in order: an aggregate, or, for barker_gray_2017 with double, its
+/// constructor.
+template <class Law, class T, std::size_t N>
+Law make_law(const std::array<T, N>& values) {
+  static_assert(N == Law::parameters.size());
+  return [&]<std::size_t... i>(std::index_sequence<i...>) { return Law{values[i]...}; }
+  (std::make_index_sequence<N>{});
+}
 
 /// The steady friction coefficient of any member: of I, or of gamma_dot [1/s] where the member says so.
 template <class Law, class U>

@@ -162,7 +162,7 @@ struct DilationStep {
 /// phi is the state: d(phi)/ds = -(phi - phi_eq(I))/s*, beta = (1 - phi_eq/phi)/s*.
 struct RelaxingSolidFraction {
   using Step = DilationStep;
-  LinearSolidFraction<double> phi_eq;
+  SteadySolidFraction phi_eq;
   double s_star = 0;
   DilationLimits limits;
 
@@ -181,14 +181,14 @@ struct RelaxingSolidFraction {
 /// phi_eq and stays bounded there as p -> 0 and I diverges.
 struct PrintedDilation {
   using Step = DilationStep;
-  LinearSolidFraction<double> phi_eq;
+  SteadySolidFraction phi_eq;
   double s_star = 0;
   double gain = 1;  ///< A; 1 ties the source to the relaxation of phi
   DilationLimits limits;
 
   DilationState start(double phi_0) const { return {dilation_rate(phi_0, phi_eq(0.0), s_star), 0}; }
   Step after(const DilationState& state, double I, double ds) const {
-    const double jump = gain * (phi_eq(state.I) - phi_eq(I)) / (phi_eq.phi_c * s_star);
+    const double jump = gain * (phi_eq(state.I) - phi_eq(I)) / (phi_eq.phi_c() * s_star);
     const double beta = relax_dilation_rate_ramp(state.value, jump, ds / s_star);
     return {{beta, I}, limits(beta)};
   }

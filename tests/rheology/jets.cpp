@@ -73,4 +73,53 @@ Differentiated<6> barker_gray_by_jet(double I, const std::array<double, 5>& p, d
   return plain<6>(steady_friction(law, Jet(I, 0), Jet(0.0)));
 }
 
+namespace {
+
+template <template <class> class Law, int N>
+std::array<ceres::Jet<double, N>, N - 1> jets_of(const std::vector<double>& parameters) {
+  std::array<ceres::Jet<double, N>, N - 1> jets;
+  for (int k = 1; k < N; ++k)
+    jets[static_cast<std::size_t>(k - 1)] =
+        ceres::Jet<double, N>(parameters[static_cast<std::size_t>(k - 1)], k);
+  return jets;
+}
+
+template <int N>
+MemberByJet taken_apart(const ceres::Jet<double, N>& jet) {
+  MemberByJet result{jet.a, jet.v[0], {}};
+  for (int k = 1; k < N; ++k) result.by_parameter.push_back(jet.v[k]);
+  return result;
+}
+
+template <template <class> class Law>
+MemberByJet friction_member(const Law<double>& law, const std::vector<double>& parameters, double rate) {
+  constexpr int N = static_cast<int>(Law<double>::parameters.size()) + 1;
+  using Jet = ceres::Jet<double, N>;
+  const auto p = jets_of<Law, N>(parameters);
+  const Jet x(rate, 0);
+  if constexpr (std::is_same_v<Law<double>, BarkerGray2017<double>>)
+    return taken_apart<N>(BarkerGray2017<Jet>(p[0], p[1], p[2], p[3], p[4], law.I_N)(x));
+  else if constexpr (Law<double>::of_rate)
+    return taken_apart<N>(make_law<Law<Jet>>(p)(Jet(0.0), x));
+  else
+    return taken_apart<N>(make_law<Law<Jet>>(p)(x));
+}
+
+template <template <class> class Law>
+MemberByJet solid_fraction_member(const Law<double>&, const std::vector<double>& parameters, double I) {
+  constexpr int N = static_cast<int>(Law<double>::parameters.size()) + 1;
+  using Jet = ceres::Jet<double, N>;
+  return taken_apart<N>(make_law<Law<Jet>>(jets_of<Law, N>(parameters))(Jet(I, 0)));
+}
+
+}  // namespace
+
+MemberByJet member_by_jet(const FrictionLaw& law, const std::vector<double>& parameters, double rate) {
+  return std::visit([&](const auto& member) { return friction_member(member, parameters, rate); }, law);
+}
+MemberByJet member_by_jet(const SteadySolidFraction& law, const std::vector<double>& parameters, double I) {
+  return std::visit([&](const auto& member) { return solid_fraction_member(member, parameters, I); },
+                    law.law);
+}
+
 }  // namespace dem2sph::test

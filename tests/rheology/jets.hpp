@@ -2,6 +2,10 @@
 #pragma once
 
 #include <array>
+#include <vector>
+
+#include "sph/rheology/dilation.hpp"
+#include "sph/rheology/friction.hpp"
 
 namespace dem2sph::test {
 
@@ -27,6 +31,15 @@ Differentiated<4> relax_dilation_rate_by_jet(double beta, double source, double 
 
 /// phi after an increment with phi_eq linear: derivatives by phi, phi_eq_0, phi_eq_1, x.
 Differentiated<4> relax_solid_fraction_ramp_by_jet(double phi, double phi_eq_0, double phi_eq_1, double x);
+/// A member of a family, made and evaluated with Jets: its value, the derivative by I (of a law of the rate:
+/// by gamma_dot), and those by its parameters in order.
+struct MemberByJet {
+  double value = 0, by_rate = 0;
+  std::vector<double> by_parameter;
+};
+MemberByJet member_by_jet(const FrictionLaw& law, const std::vector<double>& parameters, double rate);
+MemberByJet member_by_jet(const SteadySolidFraction& law, const std::vector<double>& parameters, double I);
+
 /// The members of the family of friction laws, by steady_friction: derivatives by I or gamma_dot, then by the
 /// parameters in their order (of Barker and Gray's law at fixed I_N).
 Differentiated<2> constant_friction_by_jet(double I, double mu);

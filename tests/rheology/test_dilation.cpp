@@ -282,7 +282,7 @@ TEST(Dilation, ManySmallIncrementsOfARampAreOneLargeOne) {
 }
 
 TEST(RelaxingSolidFraction, TheIntegralOfBetaIsTheLogarithmOfPhiAlsoInARamp) {
-  const RelaxingSolidFraction law{{0.585, 0.1}, 0.4, no_limits};
+  const RelaxingSolidFraction law{LinearSolidFraction<double>{0.585, 0.1}, 0.4, no_limits};
   for (const double phi_0 : {0.61, 0.52})
     for (const double strain : {0.01, 0.4, 4.0}) {
       const auto I = [&](double s) { return 0.1 + 0.4 * s / strain; };
@@ -323,7 +323,7 @@ TEST(Dilation, TheRampIsDifferentiableEverywhere) {
 }
 
 TEST(Dilation, LimitsActOnBetaAndNeverOnTheState) {
-  const RelaxingSolidFraction relaxing{{0.585, 0.1}, 0.1, {}};
+  const RelaxingSolidFraction relaxing{LinearSolidFraction<double>{0.585, 0.1}, 0.1, {}};
   const auto dense = relaxing.after({0.7, 0}, 0.0, 0.0);  // beta = (1 - 0.585/0.7)/0.1 = 1.64
   EXPECT_EQ(dense.state.value, 0.7);
   EXPECT_EQ(dense.beta, 0.5);
@@ -332,7 +332,7 @@ TEST(Dilation, LimitsActOnBetaAndNeverOnTheState) {
   EXPECT_EQ(loose.beta, -0.5);
   const auto between = relaxing.after({0.59, 0}, 0.0, 0.05);
   EXPECT_EQ(between.beta, dilation_rate(between.state.value, 0.585, 0.1));
-  const PrintedDilation printed{{0.585, 0.1}, 0.1, 1, {}};
+  const PrintedDilation printed{LinearSolidFraction<double>{0.585, 0.1}, 0.1, 1, {}};
   const DilationState start = printed.start(0.7);
   EXPECT_NEAR(start.value, 1.642857142857143, 16 * eps);  // 1.15/0.7
   EXPECT_EQ(printed.after(start, 0.0, 0.0).state.value, start.value);
@@ -342,17 +342,17 @@ TEST(Dilation, LimitsActOnBetaAndNeverOnTheState) {
 }
 
 TEST(Dilation, StartsAtRest) {
-  const RelaxingSolidFraction relaxing{{0.585, 0.1}, 0.4, {}};
+  const RelaxingSolidFraction relaxing{LinearSolidFraction<double>{0.585, 0.1}, 0.4, {}};
   EXPECT_EQ(relaxing.start(0.61).value, 0.61);
   EXPECT_EQ(relaxing.start(0.61).I, 0);
-  const PrintedDilation printed{{0.585, 0.1}, 0.4, 1, {}};
+  const PrintedDilation printed{LinearSolidFraction<double>{0.585, 0.1}, 0.4, 1, {}};
   EXPECT_EQ(printed.start(0.61).value, dilation_rate(0.61, 0.585, 0.4));
   EXPECT_EQ(printed.start(0.61).I, 0);
 }
 
 TEST(Dilation, ANaNStaysOne) {
-  const RelaxingSolidFraction relaxing{{0.585, 0.1}, 0.4, {}};
-  const PrintedDilation printed{{0.585, 0.1}, 0.4, 1, {}};
+  const RelaxingSolidFraction relaxing{LinearSolidFraction<double>{0.585, 0.1}, 0.4, {}};
+  const PrintedDilation printed{LinearSolidFraction<double>{0.585, 0.1}, 0.4, 1, {}};
   const auto check = [](const auto& law) {
     EXPECT_TRUE(std::isnan(law.after({nan_value, 0.1}, 0.1, 0.05).beta));
     EXPECT_TRUE(std::isnan(law.after({0.59, nan_value}, 0.1, 0.05).beta));
@@ -365,8 +365,8 @@ TEST(Dilation, ANaNStaysOne) {
 
 TEST(Dilation, WithoutPressureBetaStaysFinite) {
   // I diverges as p -> 0; phi_eq has a floor, so neither state does.
-  const RelaxingSolidFraction relaxing{{0.585, 0.1}, 0.4, no_limits};
-  const PrintedDilation printed{{0.585, 0.1}, 0.4, 1, no_limits};
+  const RelaxingSolidFraction relaxing{LinearSolidFraction<double>{0.585, 0.1}, 0.4, no_limits};
+  const PrintedDilation printed{LinearSolidFraction<double>{0.585, 0.1}, 0.4, 1, no_limits};
   for (const double I : {1e10, 1e200, infinity}) {
     EXPECT_NEAR(relaxing.after({0.6, 0}, I, 0).beta, (1 - 0.4 / 0.6) / 0.4, 8 * eps);
     EXPECT_NEAR(printed.after({0, 0}, I, 0).beta, (0.585 - 0.4) / (0.585 * 0.4), 8 * eps);

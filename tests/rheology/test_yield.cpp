@@ -199,7 +199,8 @@ TEST(ReturnByNewton, WithEvolvingDilationTheStateIsConsistent) {
   for (int i = 0; i < 5000; ++i) {
     // G = 1e4 to 1e7 Pa and far above p beta/s*, so that the equation has one solution; steps of 1e-7 to 1e-2
     // s.
-    const RelaxingSolidFraction dilation{{0.585, 0.1 + 0.3 * uniform(random)}, 0.1 + uniform(random), {}};
+    const RelaxingSolidFraction dilation{
+        LinearSolidFraction<double>{0.585, 0.1 + 0.3 * uniform(random)}, 0.1 + uniform(random), {}};
     const double p = std::pow(10, -2 + 5 * uniform(random));
     const double dt = std::pow(10, -7 + 5 * uniform(random));
     const double G_dt = dt * p * std::pow(10, 1.5 + 3 * uniform(random));
@@ -239,7 +240,7 @@ TEST(ReturnByNewton, WithEvolvingDilationTheStateIsConsistent) {
 TEST(ReturnByNewton, DenseIsStrongerAndLooseIsWeaker) {
   const RationalFriction<double> law{0.38, 0.64, 0.279};
   const Grains grains{1e-3, 2500};
-  const RelaxingSolidFraction dilation{{0.585, 0.1}, 0.4, {}};
+  const RelaxingSolidFraction dilation{LinearSolidFraction<double>{0.585, 0.1}, 0.4, {}};
   const auto tau_from = [&](double phi_0) {
     return return_by_newton(2000, 100,
                             [&](double g) {

@@ -26,6 +26,12 @@ double tau_after(Particles<2> q, const DirectStress& stress, double mu, double c
   return equivalent_stress(q.deviator(0));
 }
 
+template <class Law>
+double tau_by_viscosity(Particles<2> q, const Law& law) {
+  update_stress(q, 0, DirectStress{1e-6}, law, NoDilation{}, {1e-4, {1e-3, 2500}, 0, 0});
+  return equivalent_stress(q.deviator(0));
+}
+
 TEST(DirectStress, IsThatOfEq53) {
   EXPECT_NEAR(tau_after(particle(1000, 10), {1e-3}, 0.5, 20), 520, 520 * 8 * eps);
   // Below g_min the viscosity stays, and the stress goes to zero with the rate.
@@ -50,6 +56,43 @@ TEST(ElasticStress, WithoutPressureThereIsNone) {
   EXPECT_NEAR(d.cut_off, 2 * 5 * 5 / (4 * 1e5), 1e-18) << "s:s/(4 G)";
 }
 
+// The fourth of the one-law set (tests/rheology/test_members.cpp has the other three): a particle in simple
+// shear, after 20 relaxation strains tau/G, carries the law's friction at its own rate and pressure.
+TEST(OneLaw, AParticleInSimpleShearCarriesIt) {
+  const Grains grains{1e-3, 2500};
+  const FrictionLaw members[] = {ConstantFriction<double>{0.4},
+                                 RationalFriction<double>{0.38, 0.64, 0.279},
+                                 RationalRateFriction<double>{0.38, 0.64, 12},
+                                 ExponentialFriction<double>{0.38, 0.64, 0.279},
+                                 PowerFriction<double>{0.37, 0.3, 0.8},
+                                 LinearFriction<double>{0.38, 0.5},
+                                 BarkerGray2017<double>(0.383, 0.644, 0.279, 0.05, 1.9)};
+  static_assert(std::size(members) == std::variant_size_v<FrictionLaw>);
+  std::size_t index = 0;
+  for (const FrictionLaw& member : members) {
+    ASSERT_EQ(member.index(), index++) << "every member once, in order";
+    std::visit(
+        [&](const auto& law) {
+          for (const double rate : {0.3, 10.0, 200.0}) {
+            Particles<2> elastic = particle(1000, rate);
+            const ElasticReturn stress{4e5};
+            // tau is below 1.2 p here: 20 relaxation strains are 0.06.
+            const double dt = 0.06 / rate / 200;
+            for (int i = 0; i < 200; ++i)
+              update_stress(elastic, 0, stress, law, NoDilation{}, {dt, grains, 0, 0});
+            const auto mu = [&](double g) {
+              return steady_friction(law, inertial_number(g, 1000.0, grains.d, grains.rho_s), g);
+            };
+            EXPECT_NEAR(equivalent_stress(elastic.deviator(0)) / 1000, mu(elastic.gamma_dot[0]), 1e-10)
+                << law.name << " at " << rate << "/s";
+            EXPECT_NEAR(elastic.gamma_dot[0], rate, 1e-3 * rate) << "all of the shear is plastic by then";
+            EXPECT_NEAR(tau_by_viscosity(particle(1000, rate), law) / 1000, mu(rate), 1e-10) << law.name;
+          }
+        },
+        member);
+  }
+}
+
 TEST(State, SwellingAtConstantDensityRaisesThePressure) {
   // A dense sample that is sheared without room: phi falls towards phi_eq, rho0 with it, and the pressure
   // rises by K times the fall. What that stores in compression is accounted for.
@@ -62,7 +105,7 @@ TEST(State, SwellingAtConstantDensityRaisesThePressure) {
   q.dilation_state.assign(1, 0.62);
   q.dilation_I.assign(1, 0.0);
   DilationEvolves dilation;
-  dilation.law = {{0.6, 0.2}, 0.3, {}};
+  dilation.law = {LinearSolidFraction<double>{0.6, 0.2}, 0.3, {}};
   const double before = eos.energy(q.rho[0], q.rho0[0]);
   double swollen = 0;
   for (int i = 0; i < 100; ++i)
