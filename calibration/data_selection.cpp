@@ -122,6 +122,7 @@ SelectedData select_data(const std::vector<Observables>& observables, const FitO
       datum.seed = point.seed;
       datum.I_driven = point.I_driven;
       datum.phi_drift = point.phi_drift;
+      datum.p = point.p;
       datum.I = point.I;
       datum.I_se = std::max({point.I_se, seeds(spread.I), options.I_floor * point.I});
       if (point.I <= options.friction_I_max) {

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "calibration/profile.hpp"
 #include "calibration/statistics.hpp"
 #include "dem_bridge/observables.hpp"
 #include "sph/base/case_file.hpp"
@@ -21,12 +22,34 @@ namespace dem2sph {
 inline const ParameterTable fit_table{
     "fit",
     "How the law is fitted to the shear cells.",
-    {{"friction_I_max", Kind::number, "", 0, 10, "1.1",
+    {{"friction",
+      Kind::word,
+      "",
+      -unbounded,
+      unbounded,
+      "rational",
+      "Friction law of the result; best: the member that the data prefer (AICc). All members are fitted and "
+      "compared.",
+      {"rational", "exponential", "power", "linear", "barker_gray_2017", "best"}},
+     {"solid_fraction",
+      Kind::word,
+      "",
+      -unbounded,
+      unbounded,
+      "best",
+      "Solid fraction law of the result, likewise.",
+      {"linear", "power", "rational", "best"}},
+     {"friction_I_max", Kind::number, "", 0, 10, "1.1",
       "Steady points with a larger I are left out of the friction fit: small cells stop flowing densely "
       "there."},
-     {"phi_I_max", Kind::number, "", 0, 10, "0.5",
-      "Steady points with a larger I are left out of the linear solid fraction, which bends where grains "
-      "collide."},
+     {"phi_I_max", Kind::number, "", 0, 10, "1.1",
+      "Steady points with a larger I are left out of the solid fraction fit."},
+     {"robust", Kind::flag, "", -unbounded, unbounded, "true",
+      "Points beyond 2 standard errors pull with a constant force (Huber), so that outliers do not lead."},
+     {"compare", Kind::flag, "", -unbounded, unbounded, "true",
+      "Fit every member of the families and predict conditions that were left out, for a comparison."},
+     {"profiles", Kind::flag, "", -unbounded, unbounded, "true",
+      "Intervals from the profile likelihood instead of the standard error."},
      {"wall_disagreement", Kind::number, "", 0, 1, "0.1",
       "Steady points whose friction at the wall differs from the core's by more than this share are left "
       "out."},
@@ -62,8 +85,13 @@ inline const ParameterTable fit_table{
       "End with exit code 6 if a parameter of the law is not known from the data."}}};
 
 struct FitOptions {
+  std::string friction = "rational";
+  std::string solid_fraction = "best";
   double friction_I_max = 1.1;
-  double phi_I_max = 0.5;
+  double phi_I_max = 1.1;
+  bool robust = true;
+  bool compare = true;
+  bool profiles = true;
   double wall_disagreement = 0.1;
   double mu_floor = 1e-3;
   double phi_floor = 5e-4;
@@ -91,6 +119,8 @@ struct Estimate {
   double low = 0;
   double high = 0;
   bool at_bound = false;  ///< held at a bound: its error and interval mean nothing
+  /// The interval does not end on that side: no value is refused by the data as far as was looked.
+  bool open_low = false, open_high = false;
 };
 
 /// How the search for the minimum went.
@@ -99,6 +129,16 @@ struct Search {
   std::string termination;
   std::vector<double> singular_values;
   int reweighted = 0;  ///< how often the weights were made anew from the fit
+};
+
+/// How well a law predicts conditions that it was not fitted to.
+struct CrossValidation {
+  struct Condition {
+    double I_driven = 0, mean = 0, predicted = 0;
+    double error = 0;  ///< predicted over mean, less 1
+  };
+  std::vector<Condition> conditions;  ///< empty if there are too few to leave one out
+  double rms = 0, largest = 0;        ///< of |error|
 };
 
 /// One fitted law. `covariance` belongs to `parameters`, is scaled like their standard errors, and has rows
@@ -113,6 +153,13 @@ struct LawFit {
   double error_scale = 1;      ///< sqrt(chi2/dof) where that is above 1: what the errors were multiplied by
   double interval_factor = 0;  ///< half width of a 95 % interval in standard errors
   Search search;
+  std::string failure;              ///< why this member could not be fitted; all else is then empty
+  std::vector<double> coordinates;  ///< as models.hpp has them
+  std::vector<std::vector<double>> coordinate_covariance;  ///< scaled like `covariance`
+  double AICc = 0, BIC = 0;          ///< up to a constant that is the same for all members of a family
+  CrossValidation cross_validation;  ///< leave one driven I out
+  std::vector<Profile> profiles;
+  std::vector<std::string> downweighted;  ///< runs that are far off the law and count less
 
   /// Throws Error(bug) if there is none of that name.
   const Estimate& operator[](std::string_view name) const;
@@ -127,9 +174,12 @@ struct SteadyDatum {
   double value = 0, value_se = 0;  ///< mu or phi; value_se with floor and seed spread
   bool flat = true;                ///< the errors of value and I had stopped growing with the block length
   double phi_drift = 0;            ///< of the run: change of phi between its halves, in standard errors
-  double effective_se = 0;         ///< with the error of I carried over by the slope of the law
+  double plain_se = 0;             ///< with the error of I carried over by the slope of the law
+  double weight = 1;               ///< below 1: so far off that it counts less
+  double effective_se = 0;         ///< plain_se over the root of the weight
   double fitted = 0;
-  double residual = 0;  ///< (value - fitted)/effective_se
+  double residual = 0;  ///< (value - fitted)/plain_se
+  double p = 0;         ///< [Pa], for the residuals' page
 };
 
 /// One start-up with the fitted evolution beside it, on the samples of the observables.
@@ -150,14 +200,16 @@ struct Fit {
   std::string engine, material;
   FitOptions options;
 
-  LawFit friction;        ///< "rational": mu_l, mu_h, D_star
-  LawFit solid_fraction;  ///< "linear": phi_c, b
-  LawFit dilation;        ///< "phi_relaxes": s_star, or "none"
+  LawFit friction;
+  LawFit solid_fraction;
+  /// Every member that could be fitted, the chosen one among them; without profiles.
+  std::vector<LawFit> friction_members, solid_fraction_members;
+  LawFit dilation;  ///< "phi_relaxes": s_star, or "none"
   std::vector<SteadyDatum> friction_data, solid_fraction_data;
   std::vector<TransientFit> transients;
   std::vector<ExcludedRun> excluded;
 
-  Estimate slope;                      ///< (mu_h - mu_l)/D*
+  Estimate slope;  ///< (mu_h - mu_l)/D* of the rational and the exponential law; no name for the others
   bool mu_h_and_D_star_known = false;  ///< the data reach far enough to quote the two apart
   NoiseModel phi_noise;                ///< of the transients' phi
   double whitened_autocorrelation =
@@ -167,7 +219,7 @@ struct Fit {
   Estimate beta_in_mu;  ///< share of beta that shows in mu - mu_steady(I); no name if not measured
   NoiseModel mu_noise;  ///< of mu in that regression
 
-  /// Of mu_l, mu_h, D_star, phi_c, b and, with dilation, s_star.
+  /// Of the parameters of friction, of solid fraction and, with dilation, s_star.
   std::vector<std::string> covariance_names;
   std::vector<std::vector<double>> covariance;
 
@@ -175,8 +227,9 @@ struct Fit {
   std::string verdict;
   std::vector<std::string> warnings;
 
-  RationalFriction<double> friction_law() const;
-  LinearSolidFraction<double> solid_fraction_law() const;
+  FrictionLaw friction_law() const;
+  SteadySolidFraction solid_fraction_law() const;
+  double steady_friction_at(double I) const;
 };
 
 /// Fits all laws. Throws InputError for data that are no data (NaN, standard error 0, two materials),
@@ -193,15 +246,10 @@ struct Prediction {
 Prediction predict_friction(const Fit& fit, double I);
 Prediction predict_solid_fraction(const Fit& fit, double I);
 
-/// The friction law evaluated with Jets, as the fit sees it: value, and derivatives to mu_l, mu_h, D_star.
-struct FrictionWithGradient {
-  double value = 0;
-  std::array<double, 3> gradient{};
-};
-FrictionWithGradient friction_with_gradient(const RationalFriction<double>& law, double I);
-
 /// The fit as the solver reads it. `observables` are named with their SHA-256 in the provenance.
 LawFile make_law_file(const Fit& fit, std::span<const std::filesystem::path> observables);
+/// The parameters' names and values, "mu_l = 0.3645(12), ...".
+std::string list_of(const LawFit& law);
 /// Everything about the fit, as fit.json holds it.
 nlohmann::json to_json(const Fit& fit, std::span<const std::filesystem::path> observables);
 /// Where the account of a fit lies: fit.json beside law.json, NAME.fit.json beside NAME.json.

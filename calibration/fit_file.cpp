@@ -18,6 +18,8 @@ json estimate_to_json(const Estimate& e) {
           {"value", e.value},
           {"standard_error", e.standard_error},
           {"interval_95", {e.low, e.high}},
+          {"open_low", e.open_low},
+          {"open_high", e.open_high},
           {"unit", "1"},
           {"at_bound", e.at_bound}};
 }
@@ -27,6 +29,20 @@ json noise_to_json(const NoiseModel& noise) {
 }
 
 json law_to_json(const LawFit& law) {
+  if (!law.failure.empty()) return {{"member", law.member}, {"failure", law.failure}};
+  json profiles = json::array();
+  for (const Profile& p : law.profiles)
+    profiles.push_back({{"name", p.name},
+                        {"value", p.value},
+                        {"interval_95", {p.low, p.high}},
+                        {"open_low", p.open_low},
+                        {"open_high", p.open_high},
+                        {"values", p.values},
+                        {"delta_chi2", p.delta_chi2}});
+  json conditions = json::array();
+  for (const CrossValidation::Condition& c : law.cross_validation.conditions)
+    conditions.push_back(
+        {{"I_driven", c.I_driven}, {"mean", c.mean}, {"predicted", c.predicted}, {"error", c.error}});
   json parameters = json::array();
   for (const Estimate& e : law.parameters) parameters.push_back(estimate_to_json(e));
   const Search& search = law.search;
@@ -38,6 +54,14 @@ json law_to_json(const LawFit& law) {
           {"chi2_per_dof", law.chi2_per_dof},
           {"error_scale", law.error_scale},
           {"interval_factor", law.interval_factor},
+          {"AICc", std::isfinite(law.AICc) ? json(law.AICc) : json(nullptr)},
+          {"BIC", law.BIC},
+          {"cross_validation",
+           {{"rms", law.cross_validation.rms},
+            {"largest", law.cross_validation.largest},
+            {"conditions", conditions}}},
+          {"profiles", profiles},
+          {"downweighted", law.downweighted},
           {"search",
            {{"starts", search.starts},
             {"converged", search.converged},
@@ -46,6 +70,12 @@ json law_to_json(const LawFit& law) {
             {"reweighted", search.reweighted},
             {"termination", search.termination},
             {"singular_values", search.singular_values}}}};
+}
+
+json members_to_json(const std::vector<LawFit>& members) {
+  json list = json::array();
+  for (const LawFit& law : members) list.push_back(law_to_json(law));
+  return list;
 }
 
 json data_to_json(const std::vector<SteadyDatum>& data) {
@@ -58,7 +88,9 @@ json data_to_json(const std::vector<SteadyDatum>& data) {
                     {"I_se", d.I_se},
                     {"value", d.value},
                     {"value_se", d.value_se},
-                    {"effective_se", d.effective_se},
+                    {"plain_se", d.plain_se},
+                    {"weight", d.weight},
+                    {"p", d.p},
                     {"flat", d.flat},
                     {"phi_drift", d.phi_drift},
                     {"fitted", d.fitted},
@@ -96,6 +128,11 @@ json sources(const Fit& fit, std::span<const std::filesystem::path> observables)
 
 FitOptions FitOptions::from(const Section& section) {
   FitOptions o;
+  o.friction = section.word("friction");
+  o.solid_fraction = section.word("solid_fraction");
+  o.robust = section.flag("robust");
+  o.compare = section.flag("compare");
+  o.profiles = section.flag("profiles");
   o.friction_I_max = section.number("friction_I_max");
   o.phi_I_max = section.number("phi_I_max");
   o.wall_disagreement = section.number("wall_disagreement");
@@ -124,12 +161,33 @@ const Estimate& LawFit::operator[](std::string_view name) const {
   throw Error(ExitCode::bug, fmt::format("the fitted {} law has no parameter \"{}\"", member, name));
 }
 
-RationalFriction<double> Fit::friction_law() const {
-  return {friction["mu_l"].value, friction["mu_h"].value, friction["D_star"].value};
+FrictionLaw Fit::friction_law() const {
+  const auto law =
+      law_by_name<FrictionLaw>(friction.member, [&](const char* name) { return friction[name].value; });
+  if (!law) throw Error(ExitCode::bug, fmt::format("unknown friction law \"{}\"", friction.member));
+  return *law;
 }
 
-LinearSolidFraction<double> Fit::solid_fraction_law() const {
-  return {solid_fraction["phi_c"].value, solid_fraction["b"].value};
+SteadySolidFraction Fit::solid_fraction_law() const {
+  const auto law = law_by_name<decltype(SteadySolidFraction::law)>(
+      solid_fraction.member, [&](const char* name) { return solid_fraction[name].value; });
+  if (!law)
+    throw Error(ExitCode::bug, fmt::format("unknown solid fraction law \"{}\"", solid_fraction.member));
+  return {*law};
+}
+
+double Fit::steady_friction_at(double at) const {
+  return std::visit([at](const auto& law) { return steady_friction(law, at, 0.0); }, friction_law());
+}
+
+std::string list_of(const LawFit& law) {
+  std::string text;
+  for (const Estimate& e : law.parameters)
+    text += fmt::format("{}{} = {}", text.empty() ? "" : ", ", e.name,
+                        e.at_bound ? fmt::format("{:.4g} (at a bound)", e.value)
+                                   : fmt::format("{} +- {}", round_to_error(e.value, e.standard_error),
+                                                 round_to_error(e.standard_error, e.standard_error)));
+  return text;
 }
 
 std::string round_to_error(double value, double error) {
@@ -186,7 +244,9 @@ json to_json(const Fit& fit, std::span<const std::filesystem::path> observables)
               {"friction", law_to_json(fit.friction)},
               {"solid_fraction", law_to_json(fit.solid_fraction)},
               {"dilation", law_to_json(fit.dilation)},
-              {"slope", estimate_to_json(fit.slope)},
+              {"friction_members", members_to_json(fit.friction_members)},
+              {"solid_fraction_members", members_to_json(fit.solid_fraction_members)},
+              {"slope", fit.slope.name.empty() ? json(nullptr) : estimate_to_json(fit.slope)},
               {"mu_h_and_D_star_known", fit.mu_h_and_D_star_known},
               {"covariance", {{"names", fit.covariance_names}, {"matrix", fit.covariance}}},
               {"range",
@@ -200,7 +260,12 @@ json to_json(const Fit& fit, std::span<const std::filesystem::path> observables)
                 {"transients", transients}}},
               {"excluded", excluded},
               {"options",
-               {{"friction_I_max", o.friction_I_max},
+               {{"friction", o.friction},
+                {"solid_fraction", o.solid_fraction},
+                {"robust", o.robust},
+                {"compare", o.compare},
+                {"profiles", o.profiles},
+                {"friction_I_max", o.friction_I_max},
                 {"phi_I_max", o.phi_I_max},
                 {"wall_disagreement", o.wall_disagreement},
                 {"mu_floor", o.mu_floor},

@@ -58,6 +58,14 @@ struct LeastSquaresResult {
   std::string termination;
 };
 
+/// What a single search from the parameters' own `start` comes to, without covariance.
+struct Minimum {
+  bool found = false;
+  std::vector<double> values;
+  double chi2 = 0;
+};
+Minimum minimise(const LeastSquaresProblem& problem);
+
 /// Minimises the sum of squares from the parameters' own `start` and from each of `more_starts`; the best
 /// solution wins. Throws IdentifiabilityError: fewer residuals than free parameters, no start converged, a
 /// Jacobian without full rank. Throws Error(bug) for a start outside its bounds or one that is not finite.

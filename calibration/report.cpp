@@ -37,8 +37,17 @@ const char* symbol(const std::string& name) {
       {"mu_h", "&mu;<sub>h</sub>"},
       {"D_star", "D*"},
       {"slope", "(&mu;<sub>h</sub> - &mu;<sub>l</sub>)/D*"},
+      {"rise", "rise"},
+      {"a", "a"},
+      {"n", "n"},
+      {"mu_s", "&mu;<sub>s</sub>"},
+      {"mu_2", "&mu;<sub>2</sub>"},
+      {"I_0", "I<sub>0</sub>"},
+      {"mu_inf", "&mu;<sub>&infin;</sub>"},
+      {"alpha", "&alpha;"},
       {"phi_c", "&phi;<sub>c</sub>"},
       {"b", "b"},
+      {"I_phi", "I<sub>&phi;</sub>"},
       {"s_star", "s*"},
       {"beta_in_mu", "share"}};
   const auto found = symbols.find(name);
@@ -52,7 +61,16 @@ const char* meaning(const std::string& name) {
       {"D_star", "inertial number at which half of the range is reached"},
       {"slope", "rise of friction with I at I = 0"},
       {"phi_c", "solid fraction of slow flow"},
-      {"b", "loss of solid fraction with I"},
+      {"b", "loss of solid fraction with I, at I = 0"},
+      {"I_phi", "inertial number at which that loss has slowed to a quarter"},
+      {"rise", "rise of friction with I"},
+      {"a", "factor of the power law"},
+      {"n", "exponent of I"},
+      {"mu_s", "friction of slow flow (flowing branch)"},
+      {"mu_2", "friction that fast flow would tend to"},
+      {"I_0", "scale of I"},
+      {"mu_inf", "rise of friction at large I"},
+      {"alpha", "of the creep branch"},
       {"s_star", "strain over which &phi; relaxes"},
       {"beta_in_mu", "share of &beta; that shows in &mu; - &mu;<sub>steady</sub>(I)"}};
   const auto found = meanings.find(name);
@@ -76,20 +94,67 @@ std::string fit_quality(const LawFit& law, std::size_t data) {
   return text;
 }
 
+std::string equation(const std::string& member) {
+  static const std::map<std::string, const char*> equations{
+      {"friction rational", "&mu;<sub>l</sub> + (&mu;<sub>h</sub> - &mu;<sub>l</sub>) I/(I + D*)"},
+      {"friction exponential", "&mu;<sub>l</sub> + (&mu;<sub>h</sub> - &mu;<sub>l</sub>) (1 - exp(-I/D*))"},
+      {"friction power", "&mu;<sub>l</sub> + a I<sup>n</sup>"},
+      {"friction linear", "&mu;<sub>l</sub> + rise I"},
+      {"friction barker_gray_2017", "Barker and Gray (2017)"},
+      {"phi linear", "&phi;<sub>c</sub> - b I"},
+      {"phi power", "&phi;<sub>c</sub> - a I<sup>n</sup>"},
+      {"phi rational", "&phi;<sub>c</sub> - b I/(1 + I/I<sub>&phi;</sub>)"}};
+  return equations.at(member);
+}
+
+std::string members_html(const std::vector<LawFit>& members, const std::string& family,
+                         const LawFit& chosen) {
+  if (members.empty()) return "";
+  double best = std::numeric_limits<double>::infinity();
+  for (const LawFit& law : members)
+    if (law.failure.empty()) best = std::min(best, law.AICc);
+  std::string text =
+      "<div class=\"scroll\"><table>\n<tr><th>Member</th><th>Law</th><th class=\"n\">&chi;&sup2;/dof</th><th "
+      "class=\"n\">AICc above the best</th><th class=\"n\">BIC</th><th class=\"n\">left-out conditions: rms "
+      "(largest)</th><th>Parameters</th></tr>\n";
+  for (const LawFit& law : members) {
+    const std::string name = law.member == chosen.member ? "<strong>" + law.member + "</strong>" : law.member;
+    if (!law.failure.empty()) {
+      text += fmt::format("<tr><td>{}</td><td colspan=\"6\">not fitted: {}</td></tr>\n", name,
+                          escape_html(law.failure));
+      continue;
+    }
+    text += fmt::format(
+        "<tr><td>{}</td><td>{}</td><td class=\"n\">{:.2f}</td><td class=\"n\">{}</td><td "
+        "class=\"n\">{:.1f}</td><td class=\"n\">{}</td><td>{}</td></tr>\n",
+        name, equation(family + " " + law.member), law.chi2_per_dof,
+        std::isfinite(law.AICc) ? fmt::format("{:.1f}", law.AICc - best) : "too few data", law.BIC,
+        law.cross_validation.conditions.empty()
+            ? "too few"
+            : fmt::format("{:.2f} % ({:.2f} %)", 100 * law.cross_validation.rms,
+                          100 * law.cross_validation.largest),
+        escape_html(list_of(law)));
+  }
+  return text + "</table></div>\n";
+}
+
 std::string steady_html(const ReportInputs& in) {
   const Fit& fit = in.fit;
   const std::string literature = escape_html(glass_beads_2006().caption);
   return figure(figure_friction(fit),
-                fmt::format("Friction &mu;(I) = &mu;<sub>l</sub> + (&mu;<sub>h</sub> - &mu;<sub>l</sub>) "
-                            "I/(I + D*): {}. Shaded in grey: the "
+                fmt::format("Friction &mu;(I) = {}: {}. Shaded in grey: the "
                             "range of I that has data, outside of which the law extrapolates. Thin dashed "
                             "line, for comparison and not "
                             "fitted: {}.",
+                            equation("friction " + fit.friction.member),
                             fit_quality(fit.friction, fit.friction_data.size()), literature)) +
+         members_html(fit.friction_members, "friction", fit.friction) +
          figure(figure_solid_fraction(fit),
-                fmt::format("Solid fraction &phi;<sub>eq</sub>(I) = &phi;<sub>c</sub> - b I: {}. Grey range "
+                fmt::format("Solid fraction &phi;<sub>eq</sub>(I) = {}: {}. Grey range "
                             "and thin dashed line as above.",
-                            fit_quality(fit.solid_fraction, fit.solid_fraction_data.size())));
+                            equation("phi " + fit.solid_fraction.member),
+                            fit_quality(fit.solid_fraction, fit.solid_fraction_data.size()))) +
+         members_html(fit.solid_fraction_members, "phi", fit.solid_fraction);
 }
 
 std::string transients_html(const ReportInputs& in) {
@@ -143,7 +208,7 @@ std::string parameters_html(const ReportInputs& in) {
       "error</th><th class=\"n\">95 % interval</th></tr>\n";
   for (const LawFit* law : {&fit.friction, &fit.solid_fraction, &fit.dilation})
     for (const Estimate& e : law->parameters) text += parameter_row(e);
-  text += parameter_row(fit.slope);
+  if (!fit.slope.name.empty()) text += parameter_row(fit.slope);
   if (!fit.beta_in_mu.name.empty()) text += parameter_row(fit.beta_in_mu);
   text += "</table></div>\n";
   text += fmt::format(

@@ -3,11 +3,8 @@
 
 #include <fmt/format.h>
 
-#include <array>
-#include <optional>
 #include <stdexcept>
 #include <string>
-#include <type_traits>
 #include <variant>
 
 #include "sph/base/errors.hpp"
@@ -22,26 +19,16 @@ namespace dem2sph {
 /// values.
 template <class Family>
 Family law_of(const FittedLaw& law, const char* what) {
-  std::optional<Family> found;
-  const auto try_member = [&]<class Member>(std::type_identity<Member>) {
-    if (found || law.member != Member::name) return;
-    std::array<double, Member::parameters.size()> values{};
+  try {
+    if (const auto found = law_by_name<Family>(law.member, [&](const char* name) { return law[name]; }))
+      return *found;
+  } catch (const std::invalid_argument& error) {
     std::string list;
-    for (std::size_t k = 0; k < values.size(); ++k) {
-      values[k] = law[Member::parameters[k]];
-      list += fmt::format("{}{} = {}", k > 0 ? ", " : "", Member::parameters[k], values[k]);
-    }
-    try {
-      found = make_law<Member>(values);
-    } catch (const std::invalid_argument& error) {
-      throw InputError(fmt::format("no {} law with {}: {}", Member::name, list, error.what()));
-    }
-  };
-  [&]<class... Members>(std::type_identity<std::variant<Members...>>) {
-    (try_member(std::type_identity<Members>{}), ...);
-  }(std::type_identity<Family>{});
-  if (!found) throw InputError(fmt::format("unknown {} law \"{}\"", what, law.member));
-  return *found;
+    for (const FittedParameter& p : law.parameters)
+      list += fmt::format("{}{} = {}", list.empty() ? "" : ", ", p.name, p.value);
+    throw InputError(fmt::format("no {} law with {}: {}", law.member, list, error.what()));
+  }
+  throw InputError(fmt::format("unknown {} law \"{}\"", what, law.member));
 }
 
 inline FrictionLaw friction_law(const LawFile& file) {

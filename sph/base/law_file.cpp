@@ -177,16 +177,12 @@ LawFile law_file_from_json(const json& j) {
   if (solid_fraction != "linear" && solid_fraction != "power" && solid_fraction != "rational")
     throw refuse(fmt::format("unknown solid fraction law \"{}\"", solid_fraction));
   positive(law.solid_fraction["phi_c"], "phi_c");
-  if (solid_fraction == "linear" && !std::isfinite(law.solid_fraction["b"])) throw refuse("b is not finite");
+  if (solid_fraction != "power" && !std::isfinite(law.solid_fraction["b"])) throw refuse("b is not finite");
   if (solid_fraction == "power") {
     not_negative(law.solid_fraction["a"], "a");
     positive(law.solid_fraction["n"], "n");
   }
-  if (solid_fraction == "rational") {
-    not_negative(law.solid_fraction["phi_h"], "phi_h");
-    positive(law.solid_fraction["I_phi"], "I_phi");
-    if (!(law.solid_fraction["phi_h"] <= law.solid_fraction["phi_c"])) throw refuse("phi_h is above phi_c");
-  }
+  if (solid_fraction == "rational") positive(law.solid_fraction["I_phi"], "I_phi");
   const std::string& dilation = law.dilation.member;
   if (dilation == "phi_relaxes" || dilation == "printed") positive(law.dilation["s_star"], "s_star");
   if (dilation == "printed") not_negative(law.dilation["gain"], "gain");

@@ -24,7 +24,7 @@ struct FittedParameter {
 ///   friction        constant {mu}, rational {mu_l, mu_h, D_star}, rational_rate {mu_l, mu_h, D_star},
 ///                   exponential {mu_l, mu_h, D_star}, power {mu_l, a, n}, linear {mu_l, rise},
 ///                   barker_gray_2017 {mu_s, mu_2, I_0, mu_inf, alpha}
-///   solid fraction  linear {phi_c, b}, power {phi_c, a, n}, rational {phi_c, phi_h, I_phi}
+///   solid fraction  linear {phi_c, b}, power {phi_c, a, n}, rational {phi_c, b, I_phi}
 ///   dilation        phi_relaxes {s_star}, printed {s_star, gain}, none
 struct FittedLaw {
   std::string member;

@@ -63,20 +63,20 @@ struct PowerSolidFraction {
   }
 };
 
-/// Rational solid fraction phi_eq = phi_c - (phi_c - phi_h) I/(I + I_phi): the form of the friction law, from
-/// phi_c at rest to phi_h at infinite I; slope (phi_c - phi_h)/I_phi at rest.
+/// Rational solid fraction phi_eq = phi_c - b I/(1 + I/I_phi): starts with the slope of the linear law and
+/// bends where I nears I_phi, as it does where grains collide.
 template <class T>
 struct RationalSolidFraction {
   static constexpr const char* name = "rational";
-  static constexpr std::array<const char*, 3> parameters{"phi_c", "phi_h", "I_phi"};
+  static constexpr std::array<const char*, 3> parameters{"phi_c", "b", "I_phi"};
   T phi_c{};
-  T phi_h{};
+  T b{};
   T I_phi{};
   double phi_min = least_solid_fraction;
 
   template <class U>
   auto operator()(const U& I) const {
-    return with_floor(phi_c - (phi_c - phi_h) * (I / (I + I_phi)), phi_min);
+    return with_floor(phi_c - b * I_phi * (I / (I + I_phi)), phi_min);
   }
 };
 

@@ -19,7 +19,10 @@
 #include <cmath>
 #include <concepts>
 #include <limits>
+#include <optional>
 #include <stdexcept>
+#include <string_view>
+#include <type_traits>
 #include <utility>
 #include <variant>
 
@@ -307,6 +310,23 @@ Law make_law(const std::array<T, N>& values) {
   static_assert(N == Law::parameters.size());
   return [&]<std::size_t... i>(std::index_sequence<i...>) { return Law{values[i]...}; }
   (std::make_index_sequence<N>{});
+}
+
+/// The member of `Family`, a variant of laws, that has this name; its parameters are asked for by theirs.
+/// Nothing if there is no such member.
+template <class Family, class ValueOf>
+std::optional<Family> law_by_name(std::string_view name, const ValueOf& value_of) {
+  std::optional<Family> found;
+  const auto try_member = [&]<class Member>(std::type_identity<Member>) {
+    if (name != Member::name) return;
+    std::array<double, Member::parameters.size()> values{};
+    for (std::size_t k = 0; k < values.size(); ++k) values[k] = value_of(Member::parameters[k]);
+    found = make_law<Member>(values);
+  };
+  [&]<class... Members>(std::type_identity<std::variant<Members...>>) {
+    (try_member(std::type_identity<Members>{}), ...);
+  }(std::type_identity<Family>{});
+  return found;
 }
 
 /// The steady friction coefficient of any member: of I, or of gamma_dot [1/s] where the member says so.

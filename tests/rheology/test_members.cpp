@@ -36,7 +36,7 @@ const std::vector<Member> friction_members{
 const std::vector<Member> solid_fraction_members{
     {"linear", {"phi_c", "b"}, {0.57, 0.05}, {0.62, 0.3}},
     {"power", {"phi_c", "a", "n"}, {0.57, 0.05, 0.4}, {0.62, 0.2, 1.5}},
-    {"rational", {"phi_c", "phi_h", "I_phi"}, {0.57, 0.2, 0.3}, {0.62, 0.35, 3}}};
+    {"rational", {"phi_c", "b", "I_phi"}, {0.57, 0.05, 0.3}, {0.62, 0.3, 5}}};
 
 class OneLawEveryMember : public test::Scratch {
  protected:
@@ -159,7 +159,7 @@ TEST_F(OneLawEveryMember, ImpossibleValuesAreRefusedByTheFile) {
   EXPECT_CONTAINS(refusal(4, {0.4, 0.1, 0}, 0, {0.6, 0.1}), "n = 0 must be positive");
   EXPECT_CONTAINS(refusal(5, {0.4, -1}, 0, {0.6, 0.1}), "rise = -1 must not be negative");
   EXPECT_CONTAINS(refusal(0, {0.4}, 1, {0.6, -0.1, 1}), "a = -0.1 must not be negative");
-  EXPECT_CONTAINS(refusal(0, {0.4}, 2, {0.6, 0.7, 1}), "phi_h is above phi_c");
+  EXPECT_CONTAINS(refusal(0, {0.4}, 2, {0.6, 0.1, 0}), "I_phi = 0 must be positive");
 }
 
 }  // namespace

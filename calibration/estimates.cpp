@@ -1,0 +1,37 @@
+#include "calibration/estimates.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "calibration/statistics.hpp"
+
+namespace dem2sph {
+
+void scale_errors(LawFit& law, double chi2, double degrees_of_freedom) {
+  law.chi2 = chi2;
+  law.degrees_of_freedom = degrees_of_freedom;
+  const double normal = normal_quantile(0.975);
+  law.interval_factor = normal;
+  if (!(degrees_of_freedom > 0)) return;
+  law.chi2_per_dof = chi2 / degrees_of_freedom;
+  const double scatter = std::sqrt(law.chi2_per_dof);
+  law.error_scale = std::max(1.0, scatter);
+  law.interval_factor =
+      std::max(normal, student_t_quantile(0.975, degrees_of_freedom) * scatter) / law.error_scale;
+  for (std::vector<double>& row : law.covariance)
+    for (double& value : row) value *= law.error_scale * law.error_scale;
+}
+
+Estimate symmetric_estimate(std::string name, double value, double variance, double factor, bool at_bound) {
+  const double error = std::sqrt(std::max(0.0, variance));
+  return {std::move(name), value, error, value - factor * error, value + factor * error, at_bound};
+}
+
+Estimate positive_estimate(std::string name, double value, double variance, double factor, bool at_bound) {
+  const double error = std::sqrt(std::max(0.0, variance));
+  const double stretch = std::exp(factor * error / value);
+  return {std::move(name), value, error, value / stretch, value * stretch, at_bound};
+}
+
+}  // namespace dem2sph

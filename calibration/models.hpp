@@ -1,0 +1,85 @@
+// The laws as a fit sees them: each member of a family by coordinates in which order and sign hold by
+// construction, with derivatives. The laws themselves are the templates of sph/rheology, evaluated with Jets.
+//
+// An example: the rational friction law has the coordinates ln mu_l, ln(mu_h - mu_l), ln D*, so no step of a
+// fit can make mu_h smaller than mu_l or D* negative. natural() leads back to mu_l, mu_h, D*.
+#pragma once
+
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "sph/rheology/dilation.hpp"
+
+namespace dem2sph {
+
+using Matrix = std::vector<std::vector<double>>;
+
+/// J C J^T for the change of parameters whose derivatives are the rows of `to`.
+Matrix propagate(const Matrix& to, const Matrix& covariance);
+
+struct Coordinate {
+  std::string name;  ///< "ln(mu_h - mu_l)"
+  double lower = 0, upper = 0;
+};
+
+/// The parameters of the law file, and their derivatives by the coordinates (one row a parameter).
+struct NaturalParameters {
+  std::vector<double> values;
+  Matrix by_coordinate;
+};
+
+/// mu(I) or phi_eq(I), with derivatives by the coordinates and by I.
+struct ModelValue {
+  double value = 0;
+  std::vector<double> by_coordinate;
+  double slope = 0;
+};
+
+/// What bounds the coordinates, from the options of the fit.
+struct ModelBounds {
+  double mu_max = 5;  ///< of mu_l, of mu_h - mu_l, and of a in a + b I
+  double D_star_min = 1e-3, D_star_max = 10;
+  double b_max = 3;
+};
+
+/// A member of a family of steady laws.
+class SteadyModel {
+ public:
+  virtual ~SteadyModel() = default;
+  virtual std::string name() const = 0;                     ///< of the member, as in a law file
+  virtual std::vector<std::string> parameters() const = 0;  ///< as in a law file
+  virtual const std::vector<Coordinate>& coordinates() const = 0;
+  virtual NaturalParameters natural(std::span<const double> coordinates) const = 0;
+  /// False where the law has no value.
+  virtual bool evaluate(std::span<const double> coordinates, double I, ModelValue& value) const = 0;
+  /// Coordinates to start from, for a law that goes from `first` at the smallest I to `last` at the largest,
+  /// `I_last`. Within the bounds.
+  virtual std::vector<double> start(double first, double last, double I_last) const = 0;
+};
+
+/// "rational", "exponential", "power", "linear", "barker_gray_2017". Throws std::logic_error for another
+/// name.
+std::unique_ptr<SteadyModel> friction_model(const std::string& member, const ModelBounds& bounds);
+/// "linear", "power", "rational".
+std::unique_ptr<SteadyModel> solid_fraction_model(const std::string& member, const ModelBounds& bounds);
+
+/// The law itself.
+SteadySolidFraction solid_fraction_at(const SteadyModel& model, std::span<const double> coordinates);
+
+/// phi at the samples of a transient, and its derivatives by the coordinates (one row a sample).
+struct TransientSolution {
+  std::vector<double> phi, beta;
+  Matrix phi_by_coordinate;
+};
+
+/// phi and beta of one transient as Eq. 5.22 closes it, d(phi)/ds = -(phi - phi_eq)/s*, beta = (1 -
+/// phi_eq/phi)/s*: exact where I is constant between samples. `phi_eq` is that of the steady law at the
+/// samples' I, of their mean for the step that leads to each sample (`phi_eq_step`), both moved by `offset`.
+/// Derivatives by ln s*, offset and phi_0.
+TransientSolution relax_phi(std::span<const double> s, std::span<const double> phi_eq,
+                            std::span<const double> phi_eq_step, double log_s_star, double offset,
+                            double phi_0);
+
+}  // namespace dem2sph
