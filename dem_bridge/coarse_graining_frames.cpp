@@ -78,6 +78,7 @@ Snapshot snapshot_of(const Frame& frame, const SphProperties& properties) {
   };
   const std::vector<double>&x = values("x", 3), &v = values("v", 3), &rho = values("rho", 1),
         &kind = values("kind", 1), &stress = values("stress", 6);
+  const bool turns = frame.dimension == 2 && properties.plane == PlaneStrain::in_x_and_z;
   Snapshot snapshot;
   for (std::size_t i = 0; i < frame.size(); ++i) {
     if (kind[i] != 0) continue;
@@ -94,6 +95,13 @@ Snapshot snapshot_of(const Frame& frame, const SphProperties& properties) {
     // Both orders are xx yy zz xy xz yz.
     for (int k = 0; k < 6; ++k)
       p.stress_volume[k] = -properties.mass / rho[i] * stress[6 * i + static_cast<std::size_t>(k)];
+    if (turns) {
+      // A quarter turn about x: y becomes z and z becomes -y. xx yy zz xy xz yz in the new axes:
+      const Sym<3> t = p.stress_volume;
+      p.x = {{p.x[0], -p.x[2], p.x[1]}};
+      p.v = {{p.v[0], -p.v[2], p.v[1]}};
+      p.stress_volume = {{t(0, 0), t(2, 2), t(1, 1), -t(0, 2), t(0, 1), -t(1, 2)}};
+    }
     snapshot.particles.push_back(p);
   }
   return snapshot;

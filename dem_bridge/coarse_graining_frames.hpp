@@ -27,15 +27,22 @@ struct GrainProperties {
 Snapshot snapshot_of(const GrainFrame& grains, const ContactFrame& contacts,
                      const GrainProperties& properties);
 
+/// Where a 2D frame (plane strain in x[0] and x[1], up) goes in space. Grains have their up in x[2].
+enum class PlaneStrain {
+  in_x_and_y,  ///< as in the frame: resolve the axes 0 and 1
+  in_x_and_z   ///< turned about x, so that up is x[2]: the grid of a slab of grains, axes 0 and 2, fits
+};
+
 /// What a frame does not say about SPH particles.
 struct SphProperties {
   double mass = 0;   ///< of a particle: rho_0 spacing^dimension; in 2D per metre of depth [kg or kg/m]
   double rho_s = 0;  ///< of the grains that the material consists of: solid volume = mass/rho_s [kg/m^3]
+  PlaneStrain plane = PlaneStrain::in_x_and_y;  ///< of no effect in 3D
 };
 
 /// Interior particles only (kind 0). Their volume is mass/rho. Frames hold stress with tension positive; the
-/// snapshot, as all of coarse-graining, has compression positive. A 2D frame (plane strain) has its up in
-/// x[1], where a shear cell of grains has it in x[2]: resolve the axes 0 and 1 and leave `unresolved` 1.
+/// snapshot, as all of coarse-graining, has compression positive. With a 2D frame a grid's `unresolved` is 1,
+/// in metres of depth, whatever the depth of a slab of grains beside it.
 Snapshot snapshot_of(const Frame& frame, const SphProperties& properties);
 
 /// `points` points in the middles of as many equal intervals between `low` and `high`.

@@ -539,6 +539,44 @@ TEST(Balance, TotalsAreThoseOfTheParticles) {
   }
 }
 
+TEST(Periodicity, ImagesAreThoseOfARepeatedPacking) {
+  const Packing packing = random_packing(13);
+  const double length = 1.1;
+  Snapshot repeated;
+  for (int n0 = -3; n0 <= 3; ++n0)
+    for (int n2 = -3; n2 <= 3; ++n2) {
+      const Vec<3> shift{{n0 * length, 0, n2 * length}};
+      for (Particle p : packing.snapshot.particles) {
+        p.x += shift;
+        repeated.particles.push_back(p);
+      }
+      for (Interaction i : packing.snapshot.interactions) {
+        i.from += shift;
+        repeated.interactions.push_back(i);
+      }
+    }
+  // A kernel as wide as the cell, points beyond both of its ends.
+  for (const KernelShape shape : shapes) {
+    const Kernel kernel(shape, 2, shape == KernelShape::gauss ? 0.36 : 1.1);
+    Grid grid;
+    grid.axes = {{0, -0.6, 0.37, 5, 0}, {2, -0.5, 0.41, 5, 0}};
+    const Fields all = fields_of(repeated, grid, kernel);
+    for (Axis& axis : grid.axes) axis.period = length;
+    const Fields images = fields_of(packing.snapshot, grid, kernel);
+    for (std::size_t k = 0; k < all.points.size(); ++k) {
+      const FieldPoint &p = all.points[k], &q = images.points[k];
+      EXPECT_NEAR(p.rho / q.rho, 1, 1e-13) << name(shape);
+      EXPECT_NEAR(norm(p.velocity - q.velocity), 0, 1e-13);
+      EXPECT_NEAR(norm(p.wall_force - q.wall_force), 0, 1e-11);
+      for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j) {
+          EXPECT_NEAR(p.contact_stress(i, j), q.contact_stress(i, j), 1e-11);
+          EXPECT_NEAR(p.kinetic_stress(i, j), q.kinetic_stress(i, j), 1e-11);
+        }
+    }
+  }
+}
+
 /// All numbers of a point, each beside the size that its error is measured by.
 void expect_same(const FieldPoint& p, const FieldPoint& q, const Kernel& kernel, const Grid& grid) {
   // Sums of 20 to 60 terms of order 1 to 10 times the kernel's height.
@@ -831,6 +869,17 @@ TEST(Frames, SphParticlesGoThroughTheSameSums) {
   EXPECT_NEAR(p.particle_stress(1, 1) / pressure, 1, 1e-11);
   EXPECT_NEAR(p.particle_stress(2, 2) / (0.9 * pressure), 1, 1e-11);
   EXPECT_NEAR(p.stress()(0, 1) / (-0.4 * pressure), 1, 1e-11) << "tau is -sigma_xy, as with grains";
+  // Turned so that up is z: the same fields on the grid of a slab of grains.
+  const Snapshot turned =
+      snapshot_of(frame, {.mass = rho * dx * dx, .rho_s = 2500, .plane = PlaneStrain::in_x_and_z});
+  const FieldPoint q = fields_of(turned, one_point({0, 2}, {{0.0296, 0, y}}),
+                                 Kernel(KernelShape::gauss, 2, 1.5 * dx, smooth_cut))
+                           .points[0];
+  EXPECT_DOUBLE_EQ(q.rho, p.rho);
+  EXPECT_DOUBLE_EQ(q.velocity_gradient(0, 2), p.velocity_gradient(0, 1));
+  EXPECT_DOUBLE_EQ(q.stress()(2, 2), p.stress()(1, 1));
+  EXPECT_DOUBLE_EQ(q.stress()(1, 1), p.stress()(2, 2));
+  EXPECT_DOUBLE_EQ(q.stress()(0, 2), p.stress()(0, 1));
 }
 
 }  // namespace
