@@ -469,4 +469,9 @@ double inertial_number(double shear_rate, double p, double d, double rho_s) {
   return std::abs(shear_rate) * d / std::sqrt(p / rho_s);
 }
 
+double inertial_number(const FieldPoint& point, int k, double d, double rho_s) {
+  return inertial_number(shear_rate(deviator(strain_rate(point.velocity_gradient))), point.stress()(k, k), d,
+                         rho_s);
+}
+
 }  // namespace dem2sph::bridge

@@ -232,6 +232,9 @@ class Accumulator {
 
 /// I = shear_rate d/sqrt(p/rho_s); NaN where p is not positive.
 double inertial_number(double shear_rate, double p, double d, double rho_s);
+/// Of a point, with the shear rate sqrt(2 D':D') of V's gradient and with p = stress()(k, k), k the direction
+/// in which the velocity varies. NaN without gradients.
+double inertial_number(const FieldPoint& point, int k, double d, double rho_s);
 
 /// Integral over the grid's points with equal weights (spacing^D times the unresolved measure): exact to
 /// rounding for smooth fields that vanish at the grid's ends or are periodic on it.

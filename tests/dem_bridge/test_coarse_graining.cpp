@@ -12,6 +12,7 @@
 
 #include "dem_bridge/coarse_graining.hpp"
 #include "dem_bridge/coarse_graining_frames.hpp"
+#include "dem_bridge/contact_force.hpp"
 #include "tests/base/helpers.hpp"
 #include "tests/dem_bridge/packing.hpp"
 
@@ -316,7 +317,7 @@ TEST(WallContact, AGrainOnAFloorIsInBalanceEverywhere) {
     const Fields fields = fields_of(snapshot, grid, kernel);
     for (const FieldPoint& p : fields.points) {
       const double terms = mass * g * kernel(0) / grid.unresolved;
-      EXPECT_NEAR(-p.contact_divergence[2] + p.wall_force[2] - p.rho * g, 0, 1e-15 * terms) << name(shape);
+      EXPECT_NEAR(-p.contact_divergence[2] + p.wall_force[2] - p.rho * g, 0, 4e-15 * terms) << name(shape);
     }
     if (shape != KernelShape::gauss) continue;
     // The wall's pressure on 4 mm^2, and the virial f r.
@@ -410,10 +411,10 @@ TEST(Balance, MomentumClosesToRounding) {
           rate -= q.mass / grid.unresolved * kernel.slope(dot(r, r)) * dot(q.v, r) * q.v;
         }
         if (kernel.has_gradient()) balance -= p.flux_divergence;  // else both sides lack the flux
-        // Some 60 terms of up to 10 times the kernel's height.
+        // Some 60 terms of up to 10 times the kernel's height, each with a few roundings of 1e-16.
         const double terms = 10 * kernel(0) / grid.unresolved;
         for (int k = 0; k < 3; ++k)
-          EXPECT_NEAR(balance[k], rate[k], 1e-14 * terms) << name(shape) << dimension;
+          EXPECT_NEAR(balance[k], rate[k], 5e-14 * terms) << name(shape) << dimension;
       }
     }
 }
@@ -790,6 +791,13 @@ TEST(InertialNumber, IsThatOfItsDefinition) {
   EXPECT_DOUBLE_EQ(inertial_number(-20, 1000, 1e-3, 2500), 20 * 1e-3 * std::sqrt(2.5));
   EXPECT_TRUE(std::isnan(inertial_number(1, 0, 1, 1)));
   EXPECT_TRUE(std::isnan(inertial_number(1, std::nan(""), 1, 1)));
+  FieldPoint point;
+  point.velocity_gradient(0, 2) = -20;
+  point.contact_stress(2, 2) = 700, point.kinetic_stress(2, 2) = 200, point.particle_stress(2, 2) = 100;
+  point.contact_stress(0, 0) = 500;
+  EXPECT_DOUBLE_EQ(inertial_number(point, 2, 1e-3, 2500), 20 * 1e-3 * std::sqrt(2.5));
+  point.velocity_gradient(0, 2) = std::nan("");
+  EXPECT_TRUE(std::isnan(inertial_number(point, 2, 1e-3, 2500)));
 }
 
 TEST(Frames, ForcesEndAtCoulombsLimitAndWallsAtTheContact) {
@@ -820,6 +828,35 @@ TEST(Frames, ForcesEndAtCoulombsLimitAndWallsAtTheContact) {
       fields_of(snapshot_of(lattice.frame(0), swapped, p), grid, Kernel(KernelShape::gauss, 1, 0.5 * a, 8));
   for (std::size_t k = 0; k < other.points.size(); ++k)
     EXPECT_NEAR(other.points[k].wall_force[2], fields.points[k].wall_force[2], 1e-6);
+}
+
+TEST(Frames, AContactIsInTheMiddleOfTheOverlap) {
+  // Across the periodic face in x: a grain of radius 0.6 mm at 0.2 mm, a wall's grain of 0.4 mm at 4.3 mm
+  // of 5.
+  Lattice lattice;
+  GrainFrame grains;
+  grains.box = lattice.box();
+  grains.grains = {{7, GrainType::flow, {{0.2e-3, 1e-3, 1e-3}}, {{1, 2, 3}}, 0.6e-3},
+                   {9, GrainType::top_wall, {{4.3e-3, 1e-3, 1e-3}}, {}, 0.4e-3}};
+  ContactFrame contacts;
+  contacts.box = grains.box;
+  contacts.contacts = {{9, 7, {{-2, -5, 0}}}};
+  GrainProperties p = properties(WallGrains::walls);
+  p.grain_friction = 0.5;
+  const auto interaction = [&] { return snapshot_of(grains, contacts, p).interactions.at(0); };
+  // 0.9 mm apart, overlapping by 0.1 mm: the grain's surface is 0.6 mm away, the contact 0.55 mm.
+  EXPECT_NEAR(norm(interaction().branch - Vec<3>{{0.55e-3, 0, 0}}), 0, 1e-18);
+  EXPECT_TRUE(interaction().wall);
+  EXPECT_EQ(interaction().from[0], 0.2e-3);
+  EXPECT_NEAR(norm(interaction().force - Vec<3>{{2, 1, 0}}), 0, 1e-14) << "cut back to 0.5 x 2 N";
+  p.cohesion = 1e7;
+  const double attraction = sjkr_attraction(0.4e-3, 0.6e-3, 0.9e-3, 1e7);
+  EXPECT_NEAR(norm(interaction().force - Vec<3>{{2, 0.5 * (2 + attraction), 0}}), 0, 1e-14);
+  EXPECT_GT(attraction, 0.1);
+  p.wall_grains = WallGrains::part_of_the_packing;
+  EXPECT_NEAR(norm(interaction().branch - Vec<3>{{-0.9e-3, 0, 0}}), 0, 1e-18);
+  EXPECT_EQ(snapshot_of(grains, contacts, p).particles.size(), 2U);
+  EXPECT_NEAR(snapshot_of(grains, contacts, p).particles[0].mass, 2500 * 4.0 / 3 * pi * 0.216e-9, 1e-20);
 }
 
 TEST(Frames, RefuseWhatDoesNotBelongTogether) {
