@@ -5,6 +5,7 @@
 
 #include <chrono>
 #include <fstream>
+#include <limits>
 #include <sstream>
 #include <thread>
 
@@ -276,6 +277,23 @@ std::string describe(const Fit& fit) {
                                        e.name, e.value)
                          : fmt::format("{:<10} {:>10.4g} {:>10.2g}   {:.4g} to {:.4g}\n", e.name, e.value,
                                        e.standard_error, e.low, e.high);
+  const auto members = [&](const char* family, const std::vector<LawFit>& laws, const LawFit& chosen) {
+    if (laws.empty()) return;
+    double best = std::numeric_limits<double>::infinity();
+    for (const LawFit& law : laws)
+      if (law.failure.empty()) best = std::min(best, law.AICc);
+    text += fmt::format(
+        "{}: members by AICc above the best, and how well they predict a condition left out\n", family);
+    for (const LawFit& law : laws)
+      text += law.failure.empty()
+                  ? fmt::format("  {}{:<17} {:>8.1f}   {:.2f} % rms, {:.2f} % at most   chi2/dof {:.2f}\n",
+                                law.member == chosen.member ? '*' : ' ', law.member, law.AICc - best,
+                                100 * law.cross_validation.rms, 100 * law.cross_validation.largest,
+                                law.chi2_per_dof)
+                  : fmt::format("   {:<17} not fitted: {}\n", law.member, law.failure);
+  };
+  members("friction", fit.friction_members, fit.friction);
+  members("solid fraction", fit.solid_fraction_members, fit.solid_fraction);
   text += fit.verdict + "\n";
   for (const std::string& warning : fit.warnings) text += "note: " + warning + "\n";
   return text;
