@@ -45,9 +45,9 @@ struct CoreState {
   double temperature = 0;   ///< granular: a third of the mean square of the velocity fluctuations [m^2/s^2]
   double coordination = 0;  ///< contacts of a grain
   double fabric_xz = 0;     ///< mean of n_x n_z over the contacts, n the unit vector between two centres
-  /// d v_x / d z and d v_z / d z, the latter being tr(D) of a cell that is periodic in x and y: least squares
-  /// over the core's grains, of the displacement since the frame before over the time between [1/s]. Of the
-  /// first frame: of the grains' velocities.
+  /// d v_x / d z and d v_z / d z averaged over the core, the latter being tr(D) of a cell that is periodic in
+  /// x and y, of the displacement since the frame before over the time between [1/s]. Of the first frame: of
+  /// the grains' velocities.
   double gamma_dot = 0, dilation_rate = 0;
   double largest_overlap = 0;  ///< of any contact in the whole cell [m]
   double cut_contacts =

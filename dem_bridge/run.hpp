@@ -16,7 +16,7 @@ namespace dem2sph::bridge {
 
 /// Raise it when a change of the reduction changes results: runs whose dumps were kept are then reduced
 /// again, the others are run again.
-inline constexpr int reduction_version = 3;
+inline constexpr int reduction_version = 4;
 
 std::filesystem::path folder_of(const std::filesystem::path& sweep_folder, const RunPlan& run);
 /// Has a verdict of this version, and, if it prepares others, its restart file.
