@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <tuple>
 #include <utility>
 
 #include "sph/base/errors.hpp"
@@ -148,7 +149,9 @@ SelectedData select_data(const std::vector<Observables>& observables, const FitO
     }
   }
 
-  std::map<Condition, std::size_t> conditions;
+  // Runs that end in the same steady state after the same kind of change share the offset of phi_eq.
+  using Change = std::tuple<std::string, double, double, double, double>;
+  std::map<Change, std::size_t> conditions;
   for (const Observables& o : observables)
     for (const Transient& t : o.transients) {
       check_transient(t);
@@ -156,13 +159,14 @@ SelectedData select_data(const std::vector<Observables>& observables, const FitO
         selected.excluded.push_back({t.run, "transient: dilation = \"none\" was asked for"});
         continue;
       }
-      if (t.kind != "start_up") {
-        selected.excluded.push_back(
-            {t.run, fmt::format("transient: only start-ups are fitted, this is a {}", t.kind)});
+      if (t.kind == "reversal") {
+        selected.excluded.push_back({t.run,
+                                     "transient: a reversal turns the contacts' directions around, which phi "
+                                     "alone does not describe"});
         continue;
       }
-      const std::size_t condition =
-          conditions.try_emplace({t.I_driven, o.pressure}, conditions.size()).first->second;
+      const Change change{t.kind, t.I_driven, t.I_before, t.load, t.load_before};
+      const std::size_t condition = conditions.try_emplace(change, conditions.size()).first->second;
       selected.transients.push_back({&t, condition});
     }
   selected.conditions = conditions.size();

@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 #include <map>
+#include <memory>
 #include <utility>
 
 #include "calibration/estimates.hpp"
@@ -47,9 +48,6 @@ struct StartUp {
   std::vector<double> s, phi;  // binned
 };
 
-// phi_eq of a transient that lies farther off the steady law than this belongs to another material.
-constexpr double largest_offset = 0.1;
-
 // The steady law at the samples of a transient, and at the mean I of the step that leads to each.
 struct Equilibrium {
   std::vector<double> at, step;
@@ -63,11 +61,15 @@ Equilibrium equilibrium_of(const Transient& t, const SteadySolidFraction& law) {
   return e;
 }
 
+// For a given s* the model phi = base(s) + offset u(s) + phi_0 w(s) is linear in the offset of each condition
+// and in the phi_0 of each run, so these are solved for exactly and s* alone is searched (variable
+// projection, Golub and Pereyra 1973, with Kaufman's Jacobian): a hundred transients cost no more than a line
+// fit each.
 class DilationProblem {
  public:
   DilationProblem(const std::vector<SelectedTransient>& selected, std::size_t conditions,
-                  const SteadySolidFraction& law, const FitOptions& options)
-      : law_(law), options_(options), conditions_(conditions) {
+                  const FitOptions& options)
+      : options_(options), conditions_(conditions) {
     for (const SelectedTransient& t : selected) {
       const Bins bins(t.transient->s.size(), options.bins);
       runs_.push_back({t.transient,
@@ -80,130 +82,216 @@ class DilationProblem {
   }
 
   const std::vector<StartUp>& runs() const { return runs_; }
+  /// ln s*, one offset a condition, one phi_0 a run: that is also the order of the values below.
   std::size_t parameters() const { return 1 + conditions_ + runs_.size(); }
 
-  // `weights` empty: every bin counts the same. `left_out` is a run that is not used; its phi_0 is then
-  // fixed, as is the offset of a condition that nobody else has.
+  static constexpr std::size_t none = static_cast<std::size_t>(-1);
+
+  /// The problem in ln s* alone, one block a condition. `weights` empty: every bin counts the same.
   LeastSquaresProblem problem(const SteadySolidFraction& law, const std::vector<Eigen::MatrixXd>& weights,
-                              const std::vector<double>& start, std::size_t left_out = none) const {
+                              double log_s_star, std::size_t left_out = none) const {
     LeastSquaresProblem p;
     p.name = "dilation";
-    p.parameters.push_back({"s_star", 0, std::log(options_.s_star_min), std::log(options_.s_star_max)});
+    p.parameters.push_back(
+        {"s_star", log_s_star, std::log(options_.s_star_min), std::log(options_.s_star_max)});
     for (std::size_t c = 0; c < conditions_; ++c) {
-      const bool unused = std::none_of(runs_.begin(), runs_.end(), [&](const StartUp& run) {
-        return run.condition == c && &run != (left_out == none ? nullptr : &runs_[left_out]);
-      });
-      p.parameters.push_back(
-          {fmt::format("offset of condition {}", c), 0, -largest_offset, largest_offset, unused});
-    }
-    for (std::size_t r = 0; r < runs_.size(); ++r)
-      p.parameters.push_back(
-          {fmt::format("phi_0 of {}", runs_[r].transient->run), 0, 0.2, 0.9, r == left_out});
-    for (std::size_t k = 0; k < p.parameters.size(); ++k) p.parameters[k].start = start[k];
-    for (std::size_t r = 0; r < runs_.size(); ++r) {
-      if (r == left_out) continue;
-      const StartUp& run = runs_[r];
+      auto part = std::make_shared<Part>(part_of(c, law, weights, left_out));
+      if (part->runs.empty()) continue;
       ResidualBlock block;
-      block.parameters = run.columns;
-      block.size = run.s.size();
-      const Eigen::MatrixXd* whiten = weights.empty() ? nullptr : &weights[r];
-      block.evaluate = [&run, equilibrium = equilibrium_of(*run.transient, law), whiten](
-                           std::span<const double> values, std::span<double> residuals,
-                           std::span<double> jacobian) {
-        const TransientSolution model =
-            relax_phi(run.transient->s, equilibrium.at, equilibrium.step, values[0], values[1], values[2]);
-        const auto n = static_cast<Eigen::Index>(run.s.size());
-        Eigen::VectorXd misfit(n);
-        Eigen::MatrixXd j(n, 3);
-        const std::vector<double> phi = run.bins.mean(model.phi);
-        for (Eigen::Index c = 0; c < 3; ++c) {
-          std::vector<double> column;
-          for (const std::vector<double>& row : model.phi_by_coordinate)
-            column.push_back(row[static_cast<std::size_t>(c)]);
-          const std::vector<double> binned = run.bins.mean(column);
-          for (Eigen::Index i = 0; i < n; ++i) j(i, c) = -binned[static_cast<std::size_t>(i)];
-        }
-        for (Eigen::Index i = 0; i < n; ++i)
-          misfit(i) = run.phi[static_cast<std::size_t>(i)] - phi[static_cast<std::size_t>(i)];
-        if (whiten != nullptr) misfit = *whiten * misfit;
-        if (whiten != nullptr && !jacobian.empty()) j = *whiten * j;
-        for (Eigen::Index i = 0; i < n; ++i) {
-          residuals[static_cast<std::size_t>(i)] = misfit(i);
-          for (Eigen::Index c = 0; c < 3 && !jacobian.empty(); ++c)
-            jacobian[static_cast<std::size_t>(3 * i + c)] = j(i, c);
-        }
-        return misfit.allFinite();
+      block.parameters = {0};
+      block.size = static_cast<std::size_t>(part->rows);
+      block.evaluate = [part](std::span<const double> values, std::span<double> residuals,
+                              std::span<double> jacobian) {
+        const Projected projected = part->project(values[0], !jacobian.empty());
+        std::copy(projected.residuals.begin(), projected.residuals.end(), residuals.begin());
+        if (!jacobian.empty())
+          std::copy(projected.jacobian.begin(), projected.jacobian.end(), jacobian.begin());
+        return projected.residuals.allFinite();
       };
       p.blocks.push_back(std::move(block));
     }
     return p;
   }
 
-  std::vector<double> start() const {
-    std::vector<double> values(parameters(), 0.0);
-    values[0] = std::clamp(std::log(0.4), std::log(options_.s_star_min), std::log(options_.s_star_max));
-    std::vector<double> count(conditions_, 0.0);
-    for (std::size_t r = 0; r < runs_.size(); ++r) {
-      const StartUp& run = runs_[r];
-      values[1 + conditions_ + r] = std::clamp(run.transient->phi_0, 0.2, 0.9);
-      // The last quarter of a start-up is nearly steady.
-      const std::size_t n = run.transient->s.size();
-      double offset = 0;
-      for (std::size_t i = 3 * n / 4; i < n; ++i)
-        offset += (run.transient->phi[i] - law_(run.transient->I[i])) / static_cast<double>(n - 3 * n / 4);
-      values[1 + run.condition] += offset;
-      count[run.condition] += 1;
+  /// All values for a given s*.
+  std::vector<double> values(const SteadySolidFraction& law, const std::vector<Eigen::MatrixXd>& weights,
+                             double log_s_star) const {
+    std::vector<double> all(parameters(), 0.0);
+    all[0] = log_s_star;
+    for (std::size_t c = 0; c < conditions_; ++c) {
+      const Part part = part_of(c, law, weights, none);
+      const Projected projected = part.project(log_s_star, false);
+      all[1 + c] = projected.linear(0);
+      for (std::size_t k = 0; k < part.runs.size(); ++k)
+        all[part.runs[k]->columns[2]] = projected.linear(static_cast<Eigen::Index>(k) + 1);
     }
-    for (std::size_t c = 0; c < conditions_; ++c)
-      values[1 + c] = std::clamp(values[1 + c] / count[c], -largest_offset, largest_offset);
-    return values;
+    return all;
   }
 
-  // Starts that differ in s* alone: for a given s* the model is linear in all the others.
+  /// Starts over the range of s*.
   std::vector<std::vector<double>> starts() const {
     std::vector<std::vector<double>> list;
     const double low = std::log(options_.s_star_min);
     const double high = std::log(options_.s_star_max);
-    for (long i = 1; i < options_.starts; ++i) {
-      list.push_back(start());
-      list.back()[0] =
-          low + (high - low) * (static_cast<double>(i) - 0.5) / static_cast<double>(options_.starts - 1);
+    for (long i = 1; i < options_.starts; ++i)
+      list.push_back(
+          {low + (high - low) * (static_cast<double>(i) - 0.5) / static_cast<double>(options_.starts - 1)});
+    return list;
+  }
+  double start() const {
+    return std::clamp(std::log(0.4), std::log(options_.s_star_min), std::log(options_.s_star_max));
+  }
+
+  /// Residuals of phi itself and their derivatives by all values, for the noise.
+  std::vector<CorrelatedResiduals> residuals(const SteadySolidFraction& law,
+                                             const std::vector<double>& values) const {
+    std::vector<CorrelatedResiduals> list;
+    for (const StartUp& run : runs_) {
+      const Equilibrium equilibrium = equilibrium_of(*run.transient, law);
+      const Binned model(run, equilibrium, values[run.columns[0]], values[run.columns[1]],
+                         values[run.columns[2]]);
+      CorrelatedResiduals out;
+      out.s = run.s;
+      out.parameters = run.columns;
+      out.residuals = model.misfit;
+      out.jacobian = -model.by;
+      list.push_back(std::move(out));
     }
     return list;
   }
 
-  // Residuals of phi itself and their derivatives, for the noise.
-  std::vector<CorrelatedResiduals> residuals(const std::vector<double>& values) const {
-    const LeastSquaresProblem plain = problem(law_, {}, values);
-    std::vector<CorrelatedResiduals> list;
-    for (std::size_t r = 0; r < runs_.size(); ++r) {
-      const std::size_t n = runs_[r].s.size();
-      std::vector<double> at, residual(n), jacobian(3 * n);
-      for (std::size_t c : runs_[r].columns) at.push_back(values[c]);
-      if (!plain.blocks[r].evaluate(at, residual, jacobian))
-        throw NumericalError(
-            fmt::format("transient {}: the model has no value at its fit", runs_[r].transient->run));
-      CorrelatedResiduals run;
-      run.s = runs_[r].s;
-      run.parameters = runs_[r].columns;
-      run.residuals = Eigen::Map<Eigen::VectorXd>(residual.data(), static_cast<Eigen::Index>(n));
-      run.jacobian = Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>>(
-          jacobian.data(), static_cast<Eigen::Index>(n), 3);
-      list.push_back(std::move(run));
+  /// Of all values, from the whitened Jacobian.
+  Matrix covariance(const SteadySolidFraction& law, const std::vector<Eigen::MatrixXd>& weights,
+                    const std::vector<double>& values, bool s_star_held) const {
+    const auto p = static_cast<Eigen::Index>(parameters());
+    Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(p, p);
+    const std::vector<CorrelatedResiduals> all = residuals(law, values);
+    for (std::size_t r = 0; r < all.size(); ++r) {
+      const Eigen::MatrixXd j = weights[r] * all[r].jacobian;
+      const Eigen::MatrixXd jj = j.transpose() * j;
+      for (Eigen::Index a = 0; a < 3; ++a)
+        for (Eigen::Index b = 0; b < 3; ++b)
+          normal(static_cast<Eigen::Index>(runs_[r].columns[static_cast<std::size_t>(a)]),
+                 static_cast<Eigen::Index>(runs_[r].columns[static_cast<std::size_t>(b)])) += jj(a, b);
     }
-    return list;
+    if (s_star_held) {
+      normal.row(0).setZero(), normal.col(0).setZero();
+      normal(0, 0) = 1;
+    }
+    const Eigen::LDLT<Eigen::MatrixXd> factor(normal);
+    if (factor.info() != Eigen::Success || !(factor.vectorD().minCoeff() > 0))
+      throw IdentifiabilityError(
+          "dilation: the transients leave a combination of s*, offsets and phi_0 open");
+    const Eigen::MatrixXd inverse = factor.solve(Eigen::MatrixXd::Identity(p, p));
+    Matrix out(parameters(), std::vector<double>(parameters()));
+    for (Eigen::Index a = 0; a < p; ++a)
+      for (Eigen::Index b = 0; b < p; ++b)
+        out[static_cast<std::size_t>(a)][static_cast<std::size_t>(b)] =
+            s_star_held && (a == 0 || b == 0) ? 0 : 0.5 * (inverse(a, b) + inverse(b, a));
+    return out;
   }
 
   std::vector<Eigen::MatrixXd> whitening(const NoiseModel& noise) const {
     std::vector<Eigen::MatrixXd> list;
-    for (const StartUp& run : runs_) list.push_back(noise.whitening(run.s));
+    for (const StartUp& run : runs_) {
+      if (!list.empty() && run.s == runs_[list.size() - 1].s)
+        list.push_back(list.back());
+      else
+        list.push_back(noise.whitening(run.s));
+    }
     return list;
   }
 
-  static constexpr std::size_t none = static_cast<std::size_t>(-1);
-
  private:
-  SteadySolidFraction law_;
+  /// phi of the model and its derivatives by ln s*, offset and phi_0, averaged over the bins of one run.
+  struct Binned {
+    Eigen::VectorXd misfit;  ///< data less model
+    Eigen::MatrixXd by;      ///< of the model
+    Binned(const StartUp& run, const Equilibrium& equilibrium, double log_s_star, double offset,
+           double phi_0) {
+      const TransientSolution solution =
+          relax_phi(run.transient->s, equilibrium.at, equilibrium.step, log_s_star, offset, phi_0);
+      const auto n = static_cast<Eigen::Index>(run.s.size());
+      misfit.resize(n);
+      by = Eigen::MatrixXd::Zero(n, 3);
+      for (Eigen::Index k = 0; k < n; ++k) {
+        const std::size_t from = run.bins.first[static_cast<std::size_t>(k)];
+        const std::size_t to = run.bins.first[static_cast<std::size_t>(k) + 1];
+        double phi = 0;
+        for (std::size_t i = from; i < to; ++i) {
+          phi += solution.phi[i];
+          for (Eigen::Index c = 0; c < 3; ++c)
+            by(k, c) += solution.phi_by_coordinate[i][static_cast<std::size_t>(c)];
+        }
+        const auto count = static_cast<double>(to - from);
+        by.row(k) /= count;
+        misfit(k) = run.phi[static_cast<std::size_t>(k)] - phi / count;
+      }
+    }
+  };
+
+  struct Projected {
+    Eigen::VectorXd residuals, jacobian, linear;
+  };
+
+  /// The runs of one condition, for a given steady law and weights.
+  struct Part {
+    std::vector<const StartUp*> runs;
+    std::vector<Equilibrium> equilibrium;
+    std::vector<Eigen::MatrixXd> whiten;  ///< empty: none
+    Eigen::Index rows = 0;
+
+    Projected project(double log_s_star, bool with_jacobian) const {
+      const auto columns = static_cast<Eigen::Index>(runs.size()) + 1;
+      Eigen::VectorXd y(rows);
+      Eigen::MatrixXd x = Eigen::MatrixXd::Zero(rows, columns);
+      const auto each = [&](auto&& visit) {
+        Eigen::Index at = 0;
+        for (std::size_t k = 0; k < runs.size(); ++k) {
+          const auto n = static_cast<Eigen::Index>(runs[k]->s.size());
+          visit(k, at, n);
+          at += n;
+        }
+      };
+      const auto whitened = [&](std::size_t k, const Eigen::MatrixXd& m) -> Eigen::MatrixXd {
+        return whiten.empty() ? m : Eigen::MatrixXd(whiten[k] * m);
+      };
+      each([&](std::size_t k, Eigen::Index at, Eigen::Index n) {
+        const Binned base(*runs[k], equilibrium[k], log_s_star, 0, 0);
+        y.segment(at, n) = whitened(k, base.misfit);
+        const Eigen::MatrixXd by = whitened(k, base.by.rightCols(2));
+        x.col(0).segment(at, n) = by.col(0);
+        x.col(static_cast<Eigen::Index>(k) + 1).segment(at, n) = by.col(1);
+      });
+      const Eigen::HouseholderQR<Eigen::MatrixXd> factor(x);
+      Projected out;
+      out.linear = factor.solve(y);
+      out.residuals = y - x * out.linear;
+      if (!with_jacobian) return out;
+      Eigen::VectorXd z(rows);
+      each([&](std::size_t k, Eigen::Index at, Eigen::Index n) {
+        const Binned full(*runs[k], equilibrium[k], log_s_star, out.linear(0),
+                          out.linear(static_cast<Eigen::Index>(k) + 1));
+        z.segment(at, n) = whitened(k, full.by.col(0));
+      });
+      out.jacobian = x * factor.solve(z) - z;
+      return out;
+    }
+  };
+
+  Part part_of(std::size_t condition, const SteadySolidFraction& law,
+               const std::vector<Eigen::MatrixXd>& weights, std::size_t left_out) const {
+    Part part;
+    for (std::size_t r = 0; r < runs_.size(); ++r) {
+      if (runs_[r].condition != condition || r == left_out) continue;
+      part.runs.push_back(&runs_[r]);
+      part.equilibrium.push_back(equilibrium_of(*runs_[r].transient, law));
+      if (!weights.empty()) part.whiten.push_back(weights[r]);
+      part.rows += static_cast<Eigen::Index>(runs_[r].s.size());
+    }
+    return part;
+  }
+
   FitOptions options_;
   std::size_t conditions_;
   std::vector<StartUp> runs_;
@@ -367,7 +455,7 @@ std::vector<double> fit_dilation(Fit& fit, const SelectedData& selected, const S
                                  const Matrix& coordinate_covariance) {
   const FitOptions& options = fit.options;
   const SteadySolidFraction law = fit.solid_fraction_law();
-  const DilationProblem dilation(selected.transients, selected.conditions, law, options);
+  const DilationProblem dilation(selected.transients, selected.conditions, options);
   const std::vector<std::vector<double>> starts = dilation.starts();
   LeastSquaresResult result = solve_least_squares(dilation.problem(law, {}, dilation.start()), starts);
   std::vector<Eigen::MatrixXd> weights;
@@ -376,15 +464,20 @@ std::vector<double> fit_dilation(Fit& fit, const SelectedData& selected, const S
     if (reweighted == 20)
       throw IdentifiabilityError(
           "dilation: the noise of the transients and the fit do not settle; add start-ups");
-    fit.phi_noise = fit_noise(dilation.residuals(result.values), dilation.parameters());
+    const std::vector<double> values = dilation.values(law, weights, result.values[0]);
+    fit.phi_noise = fit_noise(dilation.residuals(law, values), dilation.parameters());
     weights = dilation.whitening(fit.phi_noise);
     const double before = result.values[0];
-    result = solve_least_squares(dilation.problem(law, weights, result.values));
+    result = solve_least_squares(dilation.problem(law, weights, before));
     // A tenth of the error: the noise itself is known no better than to some 10 %.
     settled = std::abs(result.values[0] - before) <= 0.1 * root(result.covariance[0][0]);
   }
-  result = solve_least_squares(dilation.problem(law, weights, result.values), starts);
-  const std::vector<double> best = result.values;
+  result = solve_least_squares(dilation.problem(law, weights, result.values[0]), starts);
+  result.degrees_of_freedom -= static_cast<long>(dilation.parameters()) - 1;
+  if (result.degrees_of_freedom <= 0)
+    throw IdentifiabilityError("dilation: as many offsets and initial solid fractions as data; add samples");
+  const std::vector<double> best = dilation.values(law, weights, result.values[0]);
+  const Matrix covariance = dilation.covariance(law, weights, best, result.at_bound[0]);
   const double s_star = std::exp(best[0]);
 
   // How far the steady law, which is held, moves s*: central differences over one standard error of each of
@@ -399,18 +492,18 @@ std::vector<double> fit_dilation(Fit& fit, const SelectedData& selected, const S
       x[k] += side == 0 ? -step : step;
       const SteadySolidFraction other = solid_fraction_at(model, x);
       moved[static_cast<std::size_t>(side)] =
-          solve_least_squares(dilation.problem(other, weights, best)).values[0];
+          solve_least_squares(dilation.problem(other, weights, best[0])).values[0];
     }
     by_coordinate[k] = (moved[1] - moved[0]) / (2 * step);
   }
 
-  double variance = result.covariance[0][0];
+  double variance = covariance[0][0];
   fit.s_star_error_least_squares = s_star * root(variance);
   const std::size_t runs = dilation.runs().size();
   if (runs >= 3 && !result.at_bound[0]) {
     std::vector<double> without;
     for (std::size_t r = 0; r < runs; ++r)
-      without.push_back(solve_least_squares(dilation.problem(law, weights, best, r)).values[0]);
+      without.push_back(solve_least_squares(dilation.problem(law, weights, best[0], r)).values[0]);
     const double jackknife = jackknife_variance(without);
     fit.s_star_error_jackknife = s_star * root(jackknife);
     variance = std::max(variance, jackknife);
@@ -433,8 +526,16 @@ std::vector<double> fit_dilation(Fit& fit, const SelectedData& selected, const S
 
   double products = 0;
   double squares = 0;
-  std::size_t row = 0;
+  // The residuals stand condition by condition.
+  std::vector<std::size_t> row_of(runs);
+  for (std::size_t condition = 0, next = 0; condition < selected.conditions; ++condition)
+    for (std::size_t r = 0; r < runs; ++r)
+      if (dilation.runs()[r].condition == condition) {
+        row_of[r] = next;
+        next += dilation.runs()[r].s.size();
+      }
   for (std::size_t r = 0; r < runs; ++r) {
+    std::size_t row = row_of[r];
     const StartUp& run = dilation.runs()[r];
     const Transient& t = *run.transient;
     for (std::size_t i = 0; i < run.s.size(); ++i, ++row) {
@@ -447,9 +548,8 @@ std::vector<double> fit_dilation(Fit& fit, const SelectedData& selected, const S
     seen.seed = t.seed;
     seen.I_driven = t.I_driven;
     seen.phi_offset = best[run.columns[1]];
-    seen.phi_0 =
-        symmetric_estimate("phi_0", best[run.columns[2]], result.covariance[run.columns[2]][run.columns[2]],
-                           out.interval_factor, result.at_bound[run.columns[2]]);
+    seen.phi_0 = symmetric_estimate("phi_0", best[run.columns[2]], covariance[run.columns[2]][run.columns[2]],
+                                    out.interval_factor);
     seen.s = t.s;
     seen.phi = t.phi;
     seen.beta = t.beta;
@@ -469,7 +569,7 @@ std::vector<double> fit_dilation(Fit& fit, const SelectedData& selected, const S
     fit.transients.push_back(std::move(seen));
   }
   fit.whitened_autocorrelation = products / squares;
-  regress_mu_on_beta(fit, dilation, best, result.covariance);
+  regress_mu_on_beta(fit, dilation, best, covariance);
   return by_coordinate;
 }
 

@@ -86,8 +86,13 @@ Restricted restricted_likelihood(std::span<const CorrelatedResiduals> runs, std:
   double squares = 0;
   double log_determinant = 0;
   Eigen::Index n = 0;
+  Eigen::LLT<Eigen::MatrixXd> factor;
+  const std::vector<double>* factored = nullptr;  // transients usually share their strain axis
   for (const CorrelatedResiduals& run : runs) {
-    const Eigen::LLT<Eigen::MatrixXd> factor(correlation(run.s, strain_scale, white_share));
+    if (factored == nullptr || *factored != run.s) {
+      factor.compute(correlation(run.s, strain_scale, white_share));
+      factored = &run.s;
+    }
     if (factor.info() != Eigen::Success) return {};
     const Eigen::VectorXd r = factor.matrixL().solve(run.residuals);
     const Eigen::MatrixXd j = factor.matrixL().solve(run.jacobian);
@@ -104,10 +109,10 @@ Restricted restricted_likelihood(std::span<const CorrelatedResiduals> runs, std:
     n += r.size();
   }
   if (p > 0) {
-    const Eigen::LDLT<Eigen::MatrixXd> factor(normal);
-    if (factor.info() != Eigen::Success || !(factor.vectorD().minCoeff() > 0)) return {};
-    squares -= right.dot(factor.solve(right));
-    log_determinant += factor.vectorD().array().log().sum();
+    const Eigen::LDLT<Eigen::MatrixXd> of_parameters(normal);
+    if (of_parameters.info() != Eigen::Success || !(of_parameters.vectorD().minCoeff() > 0)) return {};
+    squares -= right.dot(of_parameters.solve(right));
+    log_determinant += of_parameters.vectorD().array().log().sum();
   }
   if (!(squares > 0)) return {};
   const double free = static_cast<double>(n - p);

@@ -59,14 +59,21 @@ def steady_row(runs):
 
 
 def studies(folder):
-    rows = []
-    for path in sorted(glob.glob(os.path.join(folder, "*-*"))):
-        study, value = os.path.basename(path).rsplit("-", 1)
-        runs = [r for r in runs_of(path) if r["kind"] == "steady"]
-        if runs:
-            rows.append([study, value] + steady_row(runs))
-    rows.sort(key=lambda row: (row[0], float(row[1])))
-    write("studies.csv", ["study", "value"] + steady_header, rows)
+    """Runs that differ from the base, studies.toml, in one thing."""
+    def features(run):
+        sample = run["sample"]
+        kappa = (sample["material"]["youngs_modulus"] / sample["pressure"]) ** (2 / 3)
+        return {"core_margin": run["core_margin"], "grains": sample["grains"],
+                "time_step_fraction": sample["time_step_fraction"], "kappa": float("%.3g" % kappa)}
+
+    base = {"core_margin": 4, "grains": 1200, "time_step_fraction": 0.25, "kappa": 1000}
+    groups = collections.defaultdict(list)
+    for run in runs_of(folder):
+        if run["kind"] == "steady" and run["shearing"]["I_driven"] == 0.1:
+            changed = [(key, value) for key, value in features(run).items() if value != base[key]]
+            groups[changed[0] if changed else ("base", 0)].append(run)
+    write("studies.csv", ["changed", "to"] + steady_header,
+          [[key, "%g" % value] + steady_row(groups[(key, value)]) for key, value in sorted(groups)])
 
 
 def tables(name, folders):
