@@ -13,6 +13,7 @@
 #include "dem_bridge/sweep.hpp"
 #include "sph/base/errors.hpp"
 #include "sph/base/frame.hpp"
+#include "sph/base/hdf5_file.hpp"
 #include "sph/base/progress.hpp"
 #include "sph/base/provenance.hpp"
 #include "sph/base/version.hpp"
@@ -136,6 +137,11 @@ void prepare_output(const Options& options) {
     throw UsageError(
         fmt::format("{}: is there already; use --force to overwrite it", options.output.string()));
   if (options.output.has_parent_path()) fs::create_directories(options.output.parent_path());
+}
+
+ExitCode seal(const Options& options) {
+  seal_hdf5(options.output);
+  return ExitCode::ok;
 }
 
 ExitCode fit(const Options& options) {
@@ -327,6 +333,9 @@ int program(int argc, char** argv) {
       forces(writes(add(app, "export", "Write a frame as text (CSV)", export_frame), "File to write"));
   exporting->add_option("FRAME", options.frame, "Frame (.h5)")->required();
   exporting->add_option("--fields", options.fields, "Fields, separated by commas")->capture_default_str();
+  add(app, "seal", "Trust an HDF5 file that another program has made or changed: renew its checksum", seal)
+      ->add_option("FILE", options.output, "HDF5 file")
+      ->required();
 
   try {
     app.parse(argc, argv);

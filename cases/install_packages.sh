@@ -7,7 +7,7 @@ packages=(
   g++ cmake ninja-build git ca-certificates
   liggghts
   libeigen3-dev libhdf5-dev libceres-dev libgtest-dev libcli11-dev libtomlplusplus-dev
-  libfmt-dev libspdlog-dev nlohmann-json3-dev librapidcheck-dev libbenchmark-dev
+  libfmt-dev libspdlog-dev nlohmann-json3-dev librapidcheck-dev libbenchmark-dev libxxhash-dev
   gnuplot-nox valgrind
 )
 

@@ -76,6 +76,11 @@ class DumpLines {
   bool at_end();
   [[noreturn]] void fail(const std::string& what) const;
   std::uintmax_t bytes() const { return bytes_; }
+  /// What stands between blanks.
+  static std::vector<std::string_view> words(std::string_view line);
+  /// A finite number that is the whole word; fails otherwise.
+  template <class Number>
+  Number number(std::string_view word) const;
 
  private:
   std::filesystem::path path_;

@@ -416,12 +416,13 @@ std::vector<WallSample> read_wall_series(const std::filesystem::path& path) {
   std::string_view line;
   while (!lines.at_end() && lines.next(line)) {
     if (line.starts_with('#')) continue;
-    std::istringstream words{std::string(line)};
     WallSample sample;
-    std::string rest;
-    if (!(words >> sample.step >> sample.height >> sample.p >> sample.tau) || (words >> rest))
-      lines.fail("expected step, height, normal and shear stress of the wall");
-    if (!std::isfinite(sample.height + sample.p + sample.tau)) lines.fail("a number is not finite");
+    const std::vector<std::string_view> cells = DumpLines::words(line);
+    if (cells.size() != 4) lines.fail("expected step, height, normal and shear stress of the wall");
+    sample.step = lines.number<std::int64_t>(cells[0]);
+    sample.height = lines.number<double>(cells[1]);
+    sample.p = lines.number<double>(cells[2]);
+    sample.tau = lines.number<double>(cells[3]);
     if (!samples.empty() && sample.step <= samples.back().step) lines.fail("steps do not increase");
     samples.push_back(sample);
   }

@@ -4,10 +4,16 @@
 #include <fmt/format.h>
 #include <hdf5.h>
 #include <unistd.h>
+#define XXH_INLINE_ALL
+#include <xxhash.h>
 
 #include <algorithm>
 #include <cmath>
+#include <fstream>
+#include <memory>
+#include <optional>
 #include <utility>
+#include <vector>
 
 #include "sph/base/errors.hpp"
 
@@ -100,7 +106,69 @@ hid_t open_or_make(hid_t file, const std::string& name) {
   return H5Gcreate2(file, name.c_str(), links.get(), H5P_DEFAULT, H5P_DEFAULT);
 }
 
+// "dem2sph seal " + 32 hexadecimal digits of XXH3 + newline.
+constexpr std::string_view seal_word = "dem2sph seal ";
+constexpr std::size_t seal_size = seal_word.size() + 32 + 1;
+
+struct Sealed {
+  std::uintmax_t content = 0;       // bytes before the seal
+  std::string expected;             // seal that the content should have
+  std::optional<std::string> seal;  // that is there
+};
+
+// Reads the whole file once. Nothing if it cannot be read.
+std::optional<Sealed> inspect(const std::filesystem::path& path) {
+  std::ifstream in(path, std::ios::binary);
+  std::error_code unreadable;
+  const std::uintmax_t size = std::filesystem::file_size(path, unreadable);
+  if (!in || unreadable) return std::nullopt;
+  Sealed result;
+  result.content = size;
+  if (size >= seal_size) {
+    std::string end(seal_size, '\0');
+    in.seekg(static_cast<std::streamoff>(size - seal_size));
+    if (!in.read(end.data(), static_cast<std::streamsize>(seal_size))) return std::nullopt;
+    if (end.starts_with(seal_word) && end.back() == '\n') {
+      result.seal = end;
+      result.content = size - seal_size;
+    }
+    in.seekg(0);
+  }
+  const std::unique_ptr<XXH3_state_t, decltype(&XXH3_freeState)> state(XXH3_createState(), XXH3_freeState);
+  if (!state || XXH3_128bits_reset(state.get()) != XXH_OK) return std::nullopt;
+  std::vector<char> part(1 << 20);
+  for (std::uintmax_t left = result.content; left > 0;) {
+    const auto bytes = static_cast<std::size_t>(std::min<std::uintmax_t>(left, part.size()));
+    if (!in.read(part.data(), static_cast<std::streamsize>(bytes))) return std::nullopt;
+    XXH3_128bits_update(state.get(), part.data(), bytes);
+    left -= bytes;
+  }
+  const XXH128_hash_t hash = XXH3_128bits_digest(state.get());
+  result.expected = fmt::format("{}{:016x}{:016x}\n", seal_word, hash.high64, hash.low64);
+  return result;
+}
+
+// Equal without telling where they differ: nobody shall find the right one by trying.
+bool same(std::string_view a, std::string_view b) {
+  unsigned difference = a.size() == b.size() ? 0 : 1;
+  for (std::size_t i = 0; i < std::min(a.size(), b.size()); ++i)
+    difference |= static_cast<unsigned char>(a[i]) ^ static_cast<unsigned char>(b[i]);
+  return difference == 0;
+}
+
 }  // namespace
+
+void seal_hdf5(const std::filesystem::path& path) {
+  const std::optional<Sealed> file = inspect(path);
+  const auto fail = [&] { throw InputError(fmt::format("{}: cannot read it to seal it", path.string())); };
+  if (!file) fail();
+  std::error_code error;
+  if (file->seal) std::filesystem::resize_file(path, file->content, error);
+  std::ofstream out(path, std::ios::binary | std::ios::app);
+  out << file->expected;
+  out.close();
+  if (error || !out) throw InputError(fmt::format("{}: cannot write its seal", path.string()));
+}
 
 Hdf5Writer::Hdf5Writer(std::filesystem::path path)
     : path_(std::move(path)), temporary_(path_.string() + ".tmp") {
@@ -170,6 +238,13 @@ void Hdf5Writer::commit() {
   attribute("/", "complete", std::int64_t{1});
   check(H5Fflush(file_, H5F_SCOPE_GLOBAL) >= 0, temporary_, "cannot flush");
   check(H5Fclose(std::exchange(file_, -1)) >= 0, temporary_, "cannot close");
+  try {
+    seal_hdf5(temporary_);
+  } catch (const InputError& error) {  // a disk that refuses is no fault of an input
+    std::error_code ignored;
+    std::filesystem::remove(temporary_, ignored);
+    throw Error(ExitCode::bug, error.what());
+  }
   const int descriptor = ::open(temporary_.c_str(), O_RDONLY | O_CLOEXEC);
   const bool flushed = descriptor >= 0 && ::fsync(descriptor) == 0;
   if (descriptor >= 0) ::close(descriptor);
@@ -188,6 +263,19 @@ Hdf5Reader::Hdf5Reader(std::filesystem::path path, const std::string& format, st
   silence();
   std::error_code ignored;  // what cannot be looked at is not there for us
   if (!std::filesystem::exists(path_, ignored)) fail("no such file");
+  const std::optional<Sealed> sealed = inspect(path_);
+  if (!sealed || !sealed->seal)
+    fail(
+        "not a complete HDF5 file of this program: its last line, a checksum, is not there. If another "
+        "program made "
+        "or changed it, and it is to be trusted: dem2sph seal " +
+        path_.string());
+  if (!same(*sealed->seal, sealed->expected))
+    fail(
+        "is damaged: its content is not that of the checksum in its last line. If another program changed "
+        "it, and it "
+        "is to be trusted: dem2sph seal " +
+        path_.string());
   file_ = H5Fopen(path_.c_str(), H5F_ACC_RDONLY, H5P_DEFAULT);
   if (file_ < 0) fail("not a complete HDF5 file (" + reason() + ")");
   try {

@@ -43,6 +43,7 @@ class Hdf5 : public test::Scratch {
     ASSERT_GE(file, 0);
     action(file);
     ASSERT_GE(H5Fclose(file), 0);
+    seal_hdf5(path);
   }
   std::string refusal(const std::filesystem::path& path) const {
     const std::string message = message_of<InputError>([&] { Hdf5Reader(path, "test-format", 3); });
@@ -116,6 +117,33 @@ TEST_F(Hdf5, EveryTruncationIsRefused) {
     ++tried;
   }
   EXPECT_GT(tried, 250u);
+}
+
+TEST_F(Hdf5, EveryFlippedBitIsSeen) {
+  write_example(in("a.h5"));
+  const std::string whole = test::content_of(in("a.h5"));
+  for (std::size_t at = 0; at < whole.size(); at += at < 200 || at + 100 > whole.size() ? 1 : 37) {
+    std::string bytes = whole;
+    bytes[at] = static_cast<char>(bytes[at] ^ (1 << at % 8));
+    test::put(in("bit.h5"), bytes);
+    const std::string message = refusal(in("bit.h5"));
+    EXPECT_TRUE(test::contains(message, "is damaged") || test::contains(message, "not a complete HDF5 file"))
+        << at << ": " << message;
+  }
+}
+
+TEST_F(Hdf5, AFileChangedByAnotherProgramIsTrustedOnceItIsSealed) {
+  write_example(in("a.h5"));
+  const hid_t file = H5Fopen(in("a.h5").c_str(), H5F_ACC_RDWR, H5P_DEFAULT);
+  ASSERT_GE(file, 0) << "HDF5 itself does not mind the seal";
+  ASSERT_GE(H5Adelete(file, "complete"), 0);
+  ASSERT_GE(H5Fclose(file), 0);
+  EXPECT_CONTAINS(refusal(in("a.h5")), "dem2sph seal");
+  seal_hdf5(in("a.h5"));
+  EXPECT_CONTAINS(refusal(in("a.h5")), "was not written to its end");
+  const std::string once = test::content_of(in("a.h5"));
+  seal_hdf5(in("a.h5"));
+  EXPECT_EQ(test::content_of(in("a.h5")), once) << "a second seal changes nothing";
 }
 
 TEST_F(Hdf5, ForeignFilesAreRefused) {

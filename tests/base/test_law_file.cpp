@@ -150,7 +150,7 @@ TEST_F(LawJson, ImpossibleValuesAreNamed) {
       {"/friction/parameters/0/name", "mu_s", "has no parameter \"mu_l\""},
       {"/friction/parameters/2/value", 0, "D_star = 0 must be positive"},
       {"/friction/parameters/2/unit", "1/s", "D_star has the unit \"1/s\""},
-      {"/solid_fraction/member", "power", "unknown solid fraction law \"power\""},
+      {"/solid_fraction/member", "cubic", "unknown solid fraction law \"cubic\""},
       {"/solid_fraction/parameters/0/value", 0, "phi_c = 0 must be positive"},
       {"/solid_fraction/parameters/1/name", "B", "has no parameter \"b\""},
       {"/dilation/member", "phi", "unknown dilation law \"phi\""},
