@@ -91,14 +91,15 @@ TEST(SteadyModels, OrderAndSignHoldForEveryCoordinate) {
 
 /// Steady points of a truth given by functions of I.
 template <class Mu, class Phi>
-Observables points_of(const Mu& mu, const Phi& phi, unsigned seed, int seeds, double outliers = 0) {
+Observables points_of(const Mu& mu, const Phi& phi, unsigned seed, int seeds, int points = 12,
+                      double outliers = 0) {
   synthetic::Noise noise(seed);
   std::mt19937 lots(seed + 1);
   Observables o = synthetic::material();
   const Truth truth;
-  for (int k = 0; k < 12; ++k)
+  for (int k = 0; k < points; ++k)
     for (int j = 0; j < seeds; ++j) {
-      const double I = std::pow(10, -3 + 3.0 * k / 11);
+      const double I = std::pow(10, -3 + 3.0 * k / (points - 1));
       SteadyPoint p = synthetic::steady_point(truth, I, noise, fmt::format("steady{:02}.{}", k, j));
       p.mu = mu(I) + truth.mu_sd * noise.normal();
       p.phi = phi(I) + truth.phi_sd * noise.normal();
@@ -174,7 +175,8 @@ TEST(SteadyFit, LeftOutConditionsArePredictedToTheirNoise) {
 
 TEST(SteadyFit, OutliersDoNotLead) {
   // 5 % of the points lie 15 standard errors too high. Mean over draws: the bias stays below one standard
-  // error.
+  // error. Single seeds: with several, the spread over them widens the errors of a condition with a bad seed,
+  // and that alone helps.
   const RationalFriction<double> truth{0.38, 0.64, 0.279};
   FitOptions options;
   options.starts = 2;
@@ -187,7 +189,7 @@ TEST(SteadyFit, OutliersDoNotLead) {
   const int draws = 100;
   for (int i = 0; i < draws; ++i) {
     const Observables o = points_of(
-        truth, [](double I) { return 0.59 - 0.15 * I; }, 100u + static_cast<unsigned>(i), 3, 0.05);
+        truth, [](double I) { return 0.59 - 0.15 * I; }, 100u + static_cast<unsigned>(i), 1, 36, 0.05);
     const Fit robust = fit_law({o}, options);
     // mu at I = 0.1, in the middle of the data; mu_l and the rest move with it.
     bias += (predict_friction(robust, 0.1).value - truth(0.1)) / draws;
@@ -203,8 +205,7 @@ TEST(SteadyFit, OutliersDoNotLead) {
   std::printf("  bias of mu(0.1): robust %.2g, plain %.2g, standard error %.2g\n", bias, plain_bias, error);
   EXPECT_LT(std::abs(bias), error);
   EXPECT_GT(std::abs(plain_bias), 1.5 * std::abs(bias)) << "it is the weights that do it";
-  // A spoiled seed widens the error of its whole condition (the spread over seeds), so some pass unnoticed.
-  EXPECT_GT(named, spoiled / 4);
+  EXPECT_EQ(named, spoiled) << "every one of them is named";
 }
 
 TEST(Profile, OfALinearModelIsTheTextbookInterval) {
@@ -246,12 +247,21 @@ TEST(Profile, OfALinearModelIsTheTextbookInterval) {
 }
 
 TEST(Profile, IsOpenWhereTheDataDoNotReach) {
-  // I up to 0.03 only: mu_h and D* have no upper end (facts: 164 and 443 % of error).
-  const Fit fit = fit_law({synthetic::observables({}, 6, 12, 1e-3, 0.03, 0)});
-  EXPECT_TRUE(fit.friction["D_star"].open_high);
-  std::string all;
-  for (const std::string& w : fit.warnings) all += w + "\n";
-  EXPECT_CONTAINS(all, "the profile of D_star is open above");
+  // I up to 0.1 only, a third of D*: facts.md has 164 % of error of mu_h for 0.03. In each draw D* has no
+  // upper end, as an open profile or at its bound, and what is open is said.
+  int open = 0;
+  for (unsigned seed = 1; seed <= 6; ++seed) {
+    const Fit fit = fit_law({synthetic::observables({}, seed, 12, 1e-3, 0.03, 0)});
+    const Estimate& D_star = fit.friction["D_star"];
+    EXPECT_TRUE(D_star.open_high || D_star.at_bound || fit.friction["mu_h"].at_bound) << seed;
+    EXPECT_FALSE(fit.mu_h_and_D_star_known);
+    if (!D_star.open_high) continue;
+    ++open;
+    std::string all;
+    for (const std::string& w : fit.warnings) all += w + "\n";
+    EXPECT_CONTAINS(all, "the profile of D_star is open");
+  }
+  EXPECT_GT(open, 0);
 }
 
 // Three truths; `draws` data sets each. 95 % of profile intervals should cover; the bar is 92 to 98
