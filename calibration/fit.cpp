@@ -196,6 +196,17 @@ void judge(Fit& fit) {
           fmt::format("s_star rests on {} start-up{}: its error cannot be checked against the spread over "
                       "seeds (3 are needed)",
                       fit.transients.size(), fit.transients.size() == 1 ? "" : "s"));
+    // Residuals that are left with neighbours alike were not made by the noise model: 0.1 is far beyond the
+    // scatter of this number, one over the root of some hundreds of samples.
+    if (std::abs(fit.whitened_autocorrelation) > 0.1) {
+      double least = 1;
+      for (const TransientFit& t : fit.transients) least = std::min(least, t.explained);
+      warn(fmt::format(
+          "the relaxation of phi with one s* does not describe these transients: whitened residuals have an "
+          "autocorrelation of {:.2f}, and of the worst transient {:.2f} of the variance is explained; s* = "
+          "{:.3g} stands for the first decay, no more",
+          fit.whitened_autocorrelation, least, fit.dilation["s_star"].value));
+    }
     for (const TransientFit& t : fit.transients)
       if (std::abs(t.phi_offset) >
           0.005) {  // a fifth of the 0.025 by which dense and critical packings differ

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Runs the studies of studies.toml into OUT, one folder whose runs they share, and writes studies.csv beside this
-# script; half a core-hour.
+# script; a quarter of a core-hour.
 #   bash studies.sh OUT [dem2sph]
 set -euo pipefail
 here="$(cd "$(dirname "$0")" && pwd)"
