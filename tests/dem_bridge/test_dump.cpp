@@ -106,7 +106,7 @@ TEST_F(Dump, RefusesDamageWithItsPlace) {
   const std::vector<std::array<std::string, 3>> cases{
       {"ATOMS id type", "ATOMS ident type", "d:9: the dump has no column \"id\""},
       {"ITEM: NUMBER OF ATOMS\n6", "ITEM: NUMBER OF ATOMS\n99999999999",
-       "d:4: 99999999999 rows cannot stand in a file"},
+       "d:9: 99999999999 rows of 9 columns cannot stand in a file"},
       {"ITEM: NUMBER OF ATOMS\n6", "ITEM: NUMBER OF ATOMS\n-1", "d:4: \"-1\" is not a number of the kind"},
       {"0.0005 \n", "nan \n", "d:10: \"nan\" is not finite"},
       {"0.0005 \n", "0 \n", "has no radius"},
