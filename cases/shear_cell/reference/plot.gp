@@ -44,9 +44,13 @@ do for [q=1:3] {
   c = columns[q]
   if (q == 1) { set title "start-up, I = 0.004" } else { set title "" }
   plot for [i=1:3] table(starts[i]) using 7:c:c+1 with yerrorbars pt 7 ps 0.4 lc rgb colours[i] title start_names[i]
-  if (q == 1) { set title "jump of the rate" }
+  if (q == 1) { set title "jump of the rate"; set yrange [0.568:0.605] }
+  if (q == 2) { set yrange [-0.35:0.25] }
   plot for [i=1:4] table(jumps[i]) using 7:c:c+1 with yerrorbars pt 7 ps 0.4 lc rgb colours[i] title jump_names[i]
-  if (q == 1) { set title "reversal, jump of the pressure" }
+  set autoscale y
+  if (q == 1) { set title "reversal, jump of the pressure"; set yrange [0.587:0.61] }
+  if (q == 3) { set key bottom right }
   plot for [i=1:2] table(others[i]) using 7:c:c+1 with yerrorbars pt 7 ps 0.4 lc rgb colours[i] title other_names[i]
+  set autoscale y
 }
 unset multiplot
