@@ -14,7 +14,7 @@ study() {  # KEY VALUES...
 study shear_cell.core_margin 2 4 6
 study shear_cell.grains 900 2400
 study shear_cell.time_step_fraction 0.125
+# LIGGGHTS takes no Young's modulus above 1 GPa in SI units without hard_particles, which the decks do not set: at 1 kPa
+# that ends at kappa = 10000.
 study material.kappa 10000
-# Ten times the steps of kappa = 1000: one seed.
-"$program" sweep "$here/studies.toml" -o "$out" --jobs 2 -q --set material.kappa=100000 --set "shear_cell.steady.seeds=[1]"
 python3 "$here/table.py" --studies "$out"
