@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
-#include <unordered_map>
 #include <utility>
 
 #include "dem_bridge/contact_force.hpp"
@@ -15,40 +14,23 @@ namespace dem2sph::bridge {
 
 Snapshot snapshot_of(const GrainFrame& grains, const ContactFrame& contacts,
                      const GrainProperties& properties) {
-  if (grains.step != contacts.step)
-    throw InputError(
-        fmt::format("grains of step {} do not belong to contacts of step {}", grains.step, contacts.step));
+  require_same_step(grains, contacts);
   const auto is_wall = [&](const Grain& grain) {
     return properties.wall_grains == WallGrains::walls && grain.type != GrainType::flow;
   };
   Snapshot snapshot;
   snapshot.particles.reserve(grains.grains.size());
   snapshot.interactions.reserve(contacts.contacts.size());
-  std::unordered_map<std::int64_t, const Grain*> by_id;
-  by_id.reserve(grains.grains.size());
+  const GrainIndex index(grains);
   for (const Grain& grain : grains.grains) {
-    by_id.emplace(grain.id, &grain);
     if (is_wall(grain)) continue;
     const double volume = 4.0 / 3 * std::numbers::pi * grain.radius * grain.radius * grain.radius;
     snapshot.particles.push_back({grain.x, grain.v, properties.rho_s * volume, volume, {}});
   }
   for (const Contact& contact : contacts.contacts) {
-    const auto a = by_id.find(contact.first), b = by_id.find(contact.second);
-    if (a == by_id.end() || b == by_id.end())
-      throw InputError(fmt::format("step {}: contact of {} and {}, of which one is not among the grains",
-                                   grains.step, contact.first, contact.second));
-    const Grain *first = a->second, *second = b->second;
-    Vec<3> branch = first->x - second->x;
-    for (int k = 0; k < 3; ++k) {
-      if (!grains.box.periodic[static_cast<std::size_t>(k)]) continue;
-      const double length = grains.box.high[k] - grains.box.low[k];
-      branch[k] -= length * std::round(branch[k] / length);
-    }
-    const double distance = norm(branch);
-    if (!(distance > 0)) throw InputError(fmt::format("step {}: two grains at one place", grains.step));
-    Vec<3> force = contact.force;
-    cut_to_coulomb(force, (1 / distance) * branch, properties.grain_friction,
-                   sjkr_attraction(first->radius, second->radius, distance, properties.cohesion));
+    JoinedContact joined = join(contact, grains, index, properties.grain_friction, properties.cohesion);
+    const Grain *first = joined.first, *second = joined.second;
+    Vec<3>&branch = joined.branch, &force = joined.force;
     if (is_wall(*first)) {
       if (is_wall(*second)) continue;
       std::swap(first, second);
@@ -58,8 +40,8 @@ Snapshot snapshot_of(const GrainFrame& grains, const ContactFrame& contacts,
     const bool wall = is_wall(*second);
     if (wall) {
       // The point of contact is in the middle of the overlap (Weinhart et al. 2012).
-      const double overlap = first->radius + second->radius - distance;
-      branch *= (first->radius - 0.5 * overlap) / distance;
+      const double overlap = first->radius + second->radius - joined.distance;
+      branch *= (first->radius - 0.5 * overlap) / joined.distance;
     }
     snapshot.interactions.push_back({first->x, branch, force, wall});
   }

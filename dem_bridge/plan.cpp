@@ -6,6 +6,8 @@
 #include <cmath>
 #include <map>
 #include <queue>
+#include <unordered_set>
+#include <utility>
 
 #include "sph/base/errors.hpp"
 #include "sph/base/provenance.hpp"
@@ -110,45 +112,31 @@ const ParameterTable start_up_table{
         window_key,
     }};
 
-const ParameterTable jump_table{
-    "shear_cell.jump",
-    "Jumps of the rate: sheared at one I, then at another, from the same sample.",
+/// A transient that begins with a sheared sample: keys of its own, then those that all of them have.
+ParameterTable change_table(const char* section, const char* text, std::vector<Parameter> keys) {
+  keys.insert(keys.end(), {seeds_key, strain_before_key, strain_key, frames_key, window_key});
+  return {section, text, std::move(keys)};
+}
+
+const ParameterTable jump_table = change_table(
+    "shear_cell.jump", "Jumps of the rate: sheared at one I, then at another, from the same sample.",
     {
         {"I_before", Kind::numbers, "", 1e-5, 2, "required", "Driven inertial numbers before the jump."},
         {"I", Kind::numbers, "", 1e-5, 2, "required",
          "Driven inertial numbers after it, one for each before."},
-        seeds_key,
-        strain_before_key,
-        strain_key,
-        frames_key,
-        window_key,
-    }};
+    });
 
-const ParameterTable reversal_table{
-    "shear_cell.reversal",
-    "Reversals: sheared one way, then the other at the same I.",
-    {
-        {"I", Kind::numbers, "", 1e-5, 2, "required", "Driven inertial numbers."},
-        seeds_key,
-        strain_before_key,
-        strain_key,
-        frames_key,
-        window_key,
-    }};
+const ParameterTable reversal_table =
+    change_table("shear_cell.reversal", "Reversals: sheared one way, then the other at the same I.",
+                 {{"I", Kind::numbers, "", 1e-5, 2, "required", "Driven inertial numbers."}});
 
-const ParameterTable pressure_jump_table{
-    "shear_cell.pressure_jump",
-    "Jumps of the pressure at a constant speed of the wall.",
+const ParameterTable pressure_jump_table = change_table(
+    "shear_cell.pressure_jump", "Jumps of the pressure at a constant speed of the wall.",
     {
         {"I_before", Kind::numbers, "", 1e-5, 2, "required", "Driven inertial numbers before the jump."},
         {"pressure", Kind::quantities, "Pa", 1e-3, 1e9, "required",
          "Loads after the jump; each with every I_before."},
-        seeds_key,
-        strain_before_key,
-        strain_key,
-        frames_key,
-        window_key,
-    }};
+    });
 
 constexpr int sweep_version = 2;
 
@@ -230,12 +218,10 @@ class Planner {
     } catch (const UsageError& error) {
       throw UsageError(fmt::format("{}: [shear_cell] {}", cell_where_, error.what()));
     }
-    for (const RunPlan& other : plan.runs) {
-      if (other.hash != run.hash) continue;
-      if (prepares(run.kind)) return run.hash;
+    if (hashes_.insert(run.hash).second)
+      plan.runs.push_back(run);
+    else if (!prepares(run.kind))
       section.refuse("seeds", fmt::format("the run {} is asked for twice", title(run)));
-    }
-    plan.runs.push_back(run);
     return run.hash;
   }
 
@@ -279,6 +265,14 @@ class Planner {
     return run;
   }
 
+  /// A transient whose sample is sheared at `I_before` first.
+  RunPlan after_pre_shear(SweepPlan& plan, const Section& section, RunKind kind, long seed, double I_before) {
+    RunPlan run = transient(section, kind, sample_of(seed, sample_.material.grain_friction));
+    run.begins_with = add_pre_shear(plan, run.sample, I_before, section.number("strain_before"), section);
+    run.I_before = I_before;
+    return run;
+  }
+
   static std::vector<double> list(const Section& section, const char* key) {
     const std::vector<double> values = section.numbers(key);
     if (values.empty()) section.refuse(key, fmt::format("\"{}\" is an empty list", key));
@@ -295,6 +289,7 @@ class Planner {
   std::string cell_where_;
   Sample sample_;
   double core_margin_ = 0;
+  std::unordered_set<std::string> hashes_;  // of the runs that are in the plan
 };
 
 void Planner::read_material_and_cell(SweepPlan& plan) {
@@ -399,9 +394,7 @@ void Planner::read_jumps(SweepPlan& plan) {
     if (before[i] == after[i])
       section.refuse("I", fmt::format("from I = {:g} to {:g} is no jump", before[i], after[i]));
     for (const long seed : seeds(section)) {
-      RunPlan run = transient(section, RunKind::jump, sample_of(seed, sample_.material.grain_friction));
-      run.begins_with = add_pre_shear(plan, run.sample, before[i], section.number("strain_before"), section);
-      run.I_before = before[i];
+      RunPlan run = after_pre_shear(plan, section, RunKind::jump, seed, before[i]);
       run.shearing.I_driven = after[i];
       add(plan, run, section);
     }
@@ -413,10 +406,7 @@ void Planner::read_reversals(SweepPlan& plan) {
   const Section section = case_file_.section(reversal_table);
   for (const double inertial_number : list(section, "I"))
     for (const long seed : seeds(section)) {
-      RunPlan run = transient(section, RunKind::reversal, sample_of(seed, sample_.material.grain_friction));
-      run.begins_with =
-          add_pre_shear(plan, run.sample, inertial_number, section.number("strain_before"), section);
-      run.I_before = inertial_number;
+      RunPlan run = after_pre_shear(plan, section, RunKind::reversal, seed, inertial_number);
       run.shearing.I_driven = inertial_number;
       run.shearing.direction = -1;
       add(plan, run, section);
@@ -433,11 +423,7 @@ void Planner::read_pressure_jumps(SweepPlan& plan) {
       if (pressure == sample_.pressure)
         section.refuse("pressure", fmt::format("{:g} Pa is the pressure before: no jump", pressure));
       for (const long seed : seeds(section)) {
-        RunPlan run =
-            transient(section, RunKind::pressure_jump, sample_of(seed, sample_.material.grain_friction));
-        run.begins_with =
-            add_pre_shear(plan, run.sample, inertial_number, section.number("strain_before"), section);
-        run.I_before = inertial_number;
+        RunPlan run = after_pre_shear(plan, section, RunKind::pressure_jump, seed, inertial_number);
         // The wall keeps its speed: I falls with the root of the pressure.
         run.shearing.I_driven = inertial_number * std::sqrt(sample_.pressure / pressure);
         run.shearing.pressure = pressure;

@@ -3,11 +3,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <numbers>
-#include <sstream>
-#include <unordered_map>
 
 #include "dem_bridge/contact_force.hpp"
 #include "sph/base/errors.hpp"
@@ -22,21 +19,6 @@ double sphere_slab_volume(double z, double radius, double low, double high) {
   };
   return std::max(0.0, below(high - z) - below(low - z));
 }
-
-namespace {
-
-/// The vector from grain b to grain a, through the nearest periodic image.
-Vec<3> branch(const Grain& a, const Grain& b, const Box& box) {
-  Vec<3> r = a.x - b.x;
-  for (int k = 0; k < 3; ++k) {
-    if (!box.periodic[static_cast<std::size_t>(k)]) continue;
-    const double length = box.high[k] - box.low[k];
-    r[k] -= length * std::round(r[k] / length);
-  }
-  return r;
-}
-
-}  // namespace
 
 namespace {
 
@@ -121,39 +103,23 @@ Walls walls_of(const GrainFrame& frame) {
   return walls;
 }
 
-using GrainIndex = std::unordered_map<std::int64_t, std::size_t>;
-
-GrainIndex index_of(const GrainFrame& frame) {
-  GrainIndex index;
-  index.reserve(frame.grains.size());
-  for (std::size_t i = 0; i < frame.grains.size(); ++i) index.emplace(frame.grains[i].id, i);
-  return index;
-}
-
 /// Mean velocity of each grain between two frames, at the middle of its way. Instantaneous velocities contain
 /// the grains' rattling; the displacement is their exact integral. The periodic image is the one nearest to
 /// where the mean of the two velocities leads.
 std::vector<Moving> mean_motion(const GrainFrame& before, const GrainFrame& now, double time) {
-  const GrainIndex index = index_of(before);
+  const GrainIndex index(before);
   std::vector<Moving> moving;
   moving.reserve(now.grains.size());
   for (const Grain& grain : now.grains) {
-    const auto found = index.find(grain.id);
-    if (found == index.end())
+    const Grain* old = index.find(grain.id);
+    if (old == nullptr)
       throw InputError(
           fmt::format("step {}: grain {} was not there at step {}", now.step, grain.id, before.step));
-    const Grain& old = before.grains[found->second];
     Moving m;
-    m.z = 0.5 * (grain.x[2] + old.x[2]);
+    m.z = 0.5 * (grain.x[2] + old->x[2]);
     m.radius = grain.radius;
-    for (int k = 0; k < 3; ++k) {
-      double way = grain.x[k] - old.x[k];
-      if (now.box.periodic[static_cast<std::size_t>(k)]) {
-        const double length = now.box.high[k] - now.box.low[k];
-        way -= length * std::round((way - 0.5 * (grain.v[k] + old.v[k]) * time) / length);
-      }
-      m.v[k] = way / time;
-    }
+    const Vec<3> way = nearest_image(grain.x - old->x, now.box, time * (0.5 * (grain.v + old->v)));
+    for (int k = 0; k < 3; ++k) m.v[k] = way[k] / time;
     moving.push_back(m);
   }
   return moving;
@@ -163,11 +129,8 @@ std::vector<Moving> mean_motion(const GrainFrame& before, const GrainFrame& now,
 
 CoreState measure_core(const GrainFrame& frame, const ContactFrame& contacts, const Measurement& cell,
                        const GrainFrame* before) {
-  if (frame.step != contacts.step)
-    throw InputError(
-        fmt::format("grains of step {} do not belong to contacts of step {}", frame.step, contacts.step));
-
-  const GrainIndex index = index_of(frame);
+  require_same_step(frame, contacts);
+  const GrainIndex index(frame);
   const Walls walls = walls_of(frame);
   CoreState core;
   core.step = frame.step;
@@ -209,8 +172,10 @@ CoreState measure_core(const GrainFrame& frame, const ContactFrame& contacts, co
   // Slabs of 3 d at the edges of the core hold some 140 grains of a cell of 8 d x 6 d, and stay clear of the
   // walls.
   const double half = std::min(1.5 * cell.d, cell.core_margin);
-  MeanGradient gradient = mean_gradient(moving, low, high, half);
-  if (before != nullptr) {
+  MeanGradient gradient;
+  if (before == nullptr) {
+    gradient = mean_gradient(moving, low, high, half);
+  } else {
     if (before->step >= frame.step)
       throw InputError(fmt::format("step {} is not before step {}", before->step, frame.step));
     const double time = static_cast<double>(frame.step - before->step) * cell.time_step;
@@ -221,30 +186,19 @@ CoreState measure_core(const GrainFrame& frame, const ContactFrame& contacts, co
   }
   if (!std::isfinite(gradient.gamma_dot + gradient.dilation_rate))
     throw InputError(fmt::format("step {}: no grain is at an edge of the core", frame.step));
-  core.gamma_dot = gradient.gamma_dot;
+  core.gamma_dot = cell.direction * gradient.gamma_dot;
   core.dilation_rate = gradient.dilation_rate;
-  core.gamma_dot *= cell.direction;
 
   // Contacts: sum of branch times force over the volume, with the fraction of the branch that lies in the
   // core.
   std::size_t cut = 0;
   double touching = 0, fabric = 0;
   for (const Contact& contact : contacts.contacts) {
-    const auto a = index.find(contact.first), b = index.find(contact.second);
-    if (a == index.end() || b == index.end())
-      throw InputError(fmt::format("step {}: contact of {} and {}, of which one is not among the grains",
-                                   frame.step, contact.first, contact.second));
-    const Grain& first = frame.grains[a->second];
-    const Grain& second = frame.grains[b->second];
-    const Vec<3> r = branch(first, second, frame.box);
-    const double distance = norm(r);
-    if (!(distance > 0)) throw InputError(fmt::format("step {}: two grains at one place", frame.step));
-    core.largest_overlap = std::max(core.largest_overlap, first.radius + second.radius - distance);
-    Vec<3> force = contact.force;
-    const Vec<3> unit = (1 / distance) * r;
-    if (cut_to_coulomb(force, unit, cell.grain_friction,
-                       sjkr_attraction(first.radius, second.radius, distance, cell.cohesion)))
-      ++cut;
+    const JoinedContact joined = join(contact, frame, index, cell.grain_friction, cell.cohesion);
+    const Grain &first = *joined.first, &second = *joined.second;
+    const Vec<3>&r = joined.branch, &unit = joined.unit, &force = joined.force;
+    core.largest_overlap = std::max(core.largest_overlap, first.radius + second.radius - joined.distance);
+    if (joined.was_cut) ++cut;
 
     const double from = std::min(first.x[2], second.x[2]), to = std::max(first.x[2], second.x[2]);
     const double inside = std::min(to, high) - std::max(from, low);

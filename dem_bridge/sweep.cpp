@@ -73,11 +73,21 @@ std::vector<const RunPlan*> missing_runs(const SweepPlan& plan, const fs::path& 
   return missing;
 }
 
+std::map<std::string, const RunPlan*> by_hash(const SweepPlan& plan) {
+  std::map<std::string, const RunPlan*> runs;
+  for (const RunPlan& run : plan.runs) runs[run.hash] = &run;
+  return runs;
+}
+
 /// The runs that a sweep works through, shared by its workers.
 class Queue {
  public:
   Queue(std::vector<const RunPlan*> missing, const SweepPlan& plan, const SweepOptions& options)
-      : plan_(plan), options_(options), waiting_(std::move(missing)), total_(waiting_.size()) {
+      : plan_(plan),
+        options_(options),
+        by_hash_(by_hash(plan)),
+        waiting_(std::move(missing)),
+        total_(waiting_.size()) {
     for (const RunPlan* run : waiting_) to_spend_ += run->deck.core_seconds;
   }
 
@@ -135,9 +145,7 @@ class Queue {
         continue;
       }
       if (!run->begins_with.empty()) {
-        const auto parent = std::find_if(plan_.runs.begin(), plan_.runs.end(), [&](const RunPlan& other) {
-          return other.hash == run->begins_with;
-        });
+        const RunPlan* parent = by_hash_.at(run->begins_with);
         if (is_failed(folder(*parent)) || dropped_.contains(run->begins_with)) {
           dropped_.insert(run->hash);
           to_spend_ -= run->deck.core_seconds;
@@ -222,6 +230,7 @@ class Queue {
 
   const SweepPlan& plan_;
   const SweepOptions& options_;
+  const std::map<std::string, const RunPlan*> by_hash_;
   std::mutex mutex_;
   std::vector<const RunPlan*> waiting_;
   std::size_t total_;
@@ -244,11 +253,8 @@ void collect_all(const SweepPlan& plan, const fs::path& folder, SweepResult& res
   observables.engine = plan.engine;
   observables.material = plan.material;
   std::vector<const RunPlan*> in_order;
-  std::map<std::string, const RunPlan*> by_hash;
-  for (const RunPlan& run : plan.runs) {
-    in_order.push_back(&run);
-    by_hash[run.hash] = &run;
-  }
+  for (const RunPlan& run : plan.runs) in_order.push_back(&run);
+  const std::map<std::string, const RunPlan*> runs = by_hash(plan);
   std::sort(in_order.begin(), in_order.end(), [](const RunPlan* a, const RunPlan* b) {
     const auto key = [](const RunPlan* r) {
       return std::tuple(r->kind, r->shearing.I_driven, r->I_before, r->shearing.pressure,
@@ -264,7 +270,7 @@ void collect_all(const SweepPlan& plan, const fs::path& folder, SweepResult& res
     }
     // The failure may be its own or that of what it begins with.
     for (const RunPlan* at = run; at != nullptr;
-         at = at->begins_with.empty() ? nullptr : by_hash.at(at->begins_with)) {
+         at = at->begins_with.empty() ? nullptr : runs.at(at->begins_with)) {
       if (!is_failed(folder_of(folder, *at))) continue;
       const std::string cause = at == run ? "" : fmt::format("it begins with {}, which failed: ", title(*at));
       result.failed.push_back({run->hash, fmt::format("{}: {}{}", title(*run), cause,

@@ -16,6 +16,8 @@
 #include <cmath>
 #include <variant>
 
+#include "sph/rheology/power.hpp"
+
 namespace dem2sph {
 
 /// Where every steady law ends: as p -> 0, I diverges, and a law that falls without limit would turn
@@ -55,11 +57,7 @@ struct PowerSolidFraction {
 
   template <class U>
   auto operator()(const U& I) const {
-    using std::exp;
-    using std::log;
-    using Result = decltype(phi_c - a * I);
-    if (I == 0.0) return Result(phi_c);  // so that no derivative is 0 times infinity
-    return with_floor(Result(phi_c - a * exp(n * log(I))), phi_min);
+    return with_floor(phi_c - a * power_of_I(I, n), phi_min);
   }
 };
 

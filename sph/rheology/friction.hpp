@@ -9,7 +9,7 @@
 //
 // The law is one of a family. Every member has
 //   name, parameters    as in a law file; the parameters in the order in which they make the law
-//   law(I, gamma_dot)   the steady friction coefficient; law(I) too where I alone decides
+//   law(I)              the steady friction coefficient; law(I, gamma_dot) of a member of the rate
 //   slope(x)            its derivative by I, or by gamma_dot [s] for a member of the rate
 //   of_rate             whether gamma_dot decides instead of I
 //   has_yield_stress    whether mu > 0 at rest: without, nothing ever stands still, it creeps
@@ -26,6 +26,7 @@
 #include <utility>
 #include <variant>
 
+#include "sph/rheology/power.hpp"
 #include "sph/rheology/well_posedness.hpp"
 
 namespace dem2sph {
@@ -52,10 +53,6 @@ struct ConstantFriction {
   auto operator()(const U& I) const {
     return decltype(mu + I)(mu);
   }
-  template <class U>
-  auto operator()(const U& I, const U& /*gamma_dot*/) const {
-    return (*this)(I);
-  }
   /// d(mu)/dI = 0.
   template <class U>
   auto slope(const U& I) const {
@@ -78,10 +75,6 @@ struct RationalFriction {
   template <class U>
   auto operator()(const U& I) const {
     return mu_l + (mu_h - mu_l) * (I / (I + D_star));
-  }
-  template <class U>
-  auto operator()(const U& I, const U& /*gamma_dot*/) const {
-    return (*this)(I);
   }
   /// d(mu)/dI.
   template <class U>
@@ -109,10 +102,6 @@ struct ExponentialFriction {
     return mu_l - (mu_h - mu_l) * expm1(-(I / D_star));
   }
   template <class U>
-  auto operator()(const U& I, const U& /*gamma_dot*/) const {
-    return (*this)(I);
-  }
-  template <class U>
   auto slope(const U& I) const {
     using std::exp;
     return (mu_h - mu_l) / D_star * exp(-(I / D_star));
@@ -132,27 +121,17 @@ struct PowerFriction {
 
   template <class U>
   auto operator()(const U& I) const {
-    using std::exp;
-    using std::log;
-    using Result = decltype(mu_l + a * I);
-    if (I == 0.0) return Result(mu_l);  // so that no derivative is 0 times infinity
-    return Result(mu_l + a * exp(n * log(I)));
-  }
-  template <class U>
-  auto operator()(const U& I, const U& /*gamma_dot*/) const {
-    return (*this)(I);
+    return mu_l + a * power_of_I(I, n);
   }
   /// Infinite at I = 0 for n < 1.
   template <class U>
   auto slope(const U& I) const {
-    using std::exp;
-    using std::log;
     using Result = decltype(mu_l + a * I);
     if (I == 0.0) {
       if (n < 1.0) return Result(std::numeric_limits<double>::infinity());
       return Result(n > 1.0 ? 0.0 * a : 1.0 * a);
     }
-    return Result(a * n * exp((n - 1.0) * log(I)));
+    return Result(a * n * power_of_I(I, n - 1.0));
   }
 };
 
@@ -169,10 +148,6 @@ struct LinearFriction {
   template <class U>
   auto operator()(const U& I) const {
     return mu_l + rise * I;
-  }
-  template <class U>
-  auto operator()(const U& I, const U& /*gamma_dot*/) const {
-    return (*this)(I);
   }
   template <class U>
   auto slope(const U& I) const {
@@ -219,10 +194,6 @@ struct BarkerGrayFlowing {
   template <class U>
   auto operator()(const U& I) const {
     return mu_s + (mu_2 - mu_s + mu_inf * I) * (I / (I_0 + I));
-  }
-  template <class U>
-  auto operator()(const U& I, const U& /*gamma_dot*/) const {
-    return (*this)(I);
   }
   template <class U>
   auto slope(const U& I) const {
@@ -275,10 +246,6 @@ struct BarkerGray2017 {
     if (I == 0.0) return Result(0.0);  // so that no derivative is 0 times infinity
     return Result(sqrt(alpha / (log_A - log(I))));
   }
-  template <class U>
-  auto operator()(const U& I, const U& /*gamma_dot*/) const {
-    return (*this)(I);
-  }
   /// d(mu)/dI, infinite at I = 0: mu/(2 I ln(A/I)) in creep.
   template <class U>
   auto slope(const U& I) const {
@@ -327,15 +294,6 @@ std::optional<Family> law_by_name(std::string_view name, const ValueOf& value_of
     (try_member(std::type_identity<Members>{}), ...);
   }(std::type_identity<Family>{});
   return found;
-}
-
-/// The steady friction coefficient of any member: of I, or of gamma_dot [1/s] where the member says so.
-template <class Law, class U>
-auto steady_friction(const Law& law, const U& I, const U& gamma_dot) {
-  if constexpr (Law::of_rate)
-    return law(I, gamma_dot);
-  else
-    return law(I);
 }
 
 /// mu(I, beta), Eq. 5.7 (reconstructed): the steady law plus the rate of dilation beta = tr(D)/|g|. For a

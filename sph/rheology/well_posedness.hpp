@@ -20,12 +20,22 @@ inline double well_posedness_of(double mu, double n) {
   return 4 * n * n - 4 * n + m * m;
 }
 
+/// The steady friction coefficient of any member of the family of laws (friction.hpp): of I, or of gamma_dot
+/// [1/s] where the member says so.
+template <class Law, class U>
+auto steady_friction(const Law& law, const U& I, const U& gamma_dot) {
+  if constexpr (Law::of_rate)
+    return law(I, gamma_dot);
+  else
+    return law(I);
+}
+
 /// C of a law at I and the shear rate gamma_dot [1/s]. At rest n is 0, also for a law that starts at mu = 0
 /// with an infinite slope (its n falls like 1/ln(1/I)).
 template <class Law>
 double well_posedness(const Law& law, double I, double gamma_dot) {
   const double rate = Law::of_rate ? gamma_dot : I;
-  const double mu = law(I, gamma_dot);
+  const double mu = steady_friction(law, I, gamma_dot);
   return well_posedness_of(mu, rate == 0 ? 0 : rate / mu * law.slope(rate));
 }
 
