@@ -124,6 +124,7 @@ SelectedData select_data(const std::vector<Observables>& observables, const FitO
       datum.I_driven = point.I_driven;
       datum.phi_drift = point.phi_drift;
       datum.p = point.p;
+      datum.order = 1 + static_cast<long>(&point - o.steady.data());
       datum.I = point.I;
       datum.I_se = std::max({point.I_se, seeds(spread.I), options.I_floor * point.I});
       if (point.I <= options.friction_I_max) {
@@ -155,7 +156,7 @@ SelectedData select_data(const std::vector<Observables>& observables, const FitO
   for (const Observables& o : observables)
     for (const Transient& t : o.transients) {
       check_transient(t);
-      if (!options.dilation) {
+      if (options.dilation == "none") {
         selected.excluded.push_back({t.run, "transient: dilation = \"none\" was asked for"});
         continue;
       }

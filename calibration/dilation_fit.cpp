@@ -2,575 +2,432 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/Dense>
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <map>
 #include <memory>
 #include <utility>
 
+#include "calibration/beta_in_mu.hpp"
 #include "calibration/estimates.hpp"
 #include "calibration/least_squares.hpp"
+#include "calibration/transient_problem.hpp"
 #include "sph/base/errors.hpp"
 
 namespace dem2sph {
 namespace {
 
+/// Those that a flow can run, then those that are compared only.
+const std::vector<std::string> dilation_members{"phi_relaxes", "two_sided", "printed",
+                                                "dilatancy",   "constant",  "none"};
+constexpr std::size_t members_of_flows = 3;
+
+/// A member takes the place of phi_relaxes only if its AICc is lower by 10: Burnham and Anderson (2002) see
+/// essentially no support for the other one then.
+constexpr double decisive_AICc = 10;
+
 double root(double variance) { return std::sqrt(std::max(0.0, variance)); }
 
-// Means of consecutive samples; the model is averaged in the same way, so nothing is biased by it.
-struct Bins {
-  std::vector<std::size_t> first;  // of each bin; one more at the end
-  explicit Bins(std::size_t samples, long most) {
-    const std::size_t n = std::min(samples, static_cast<std::size_t>(most));
-    for (std::size_t k = 0; k <= n; ++k) first.push_back(k * samples / n);
-  }
-  std::size_t size() const { return first.size() - 1; }
-  template <class T>
-  std::vector<T> mean(const std::vector<T>& values) const {
-    std::vector<T> means;
-    for (std::size_t k = 0; k < size(); ++k) {
-      T sum(0.0);
-      for (std::size_t i = first[k]; i < first[k + 1]; ++i) sum += values[i];
-      means.push_back(sum / static_cast<double>(first[k + 1] - first[k]));
-    }
-    return means;
-  }
+struct Settled {
+  LeastSquaresResult result;
+  NoiseModel noise;
+  TransientProblem::Weights weights;
+  int reweighted = 0;
 };
 
-// One start-up as the fit of s* sees it.
-struct StartUp {
-  const Transient* transient = nullptr;
-  std::size_t condition = 0;
-  std::vector<std::size_t> columns;  // ln s*, the offset of its condition, its own phi_0
-  Bins bins;
-  std::vector<double> s, phi;  // binned
-};
-
-// The steady law at the samples of a transient, and at the mean I of the step that leads to each.
-struct Equilibrium {
-  std::vector<double> at, step;
-};
-Equilibrium equilibrium_of(const Transient& t, const SteadySolidFraction& law) {
-  Equilibrium e;
-  for (std::size_t i = 0; i < t.s.size(); ++i) {
-    e.at.push_back(law(t.I[i]));
-    e.step.push_back(law(i == 0 ? t.I[0] : 0.5 * (t.I[i] + t.I[i - 1])));
-  }
-  return e;
-}
-
-// For a given s* the model phi = base(s) + offset u(s) + phi_0 w(s) is linear in the offset of each condition
-// and in the phi_0 of each run, so these are solved for exactly and s* alone is searched (variable
-// projection, Golub and Pereyra 1973, with Kaufman's Jacobian): a hundred transients cost no more than a line
-// fit each.
-class DilationProblem {
+class DilationFit {
  public:
-  DilationProblem(const std::vector<SelectedTransient>& selected, std::size_t conditions,
-                  const FitOptions& options)
-      : options_(options), conditions_(conditions) {
-    for (const SelectedTransient& t : selected) {
-      const Bins bins(t.transient->s.size(), options.bins);
-      runs_.push_back({t.transient,
-                       t.condition,
-                       {0, 1 + t.condition, 1 + conditions + runs_.size()},
-                       bins,
-                       bins.mean(t.transient->s),
-                       bins.mean(t.transient->phi)});
-    }
+  DilationFit(const SelectedData& selected, const FitOptions& options, SteadySolidFraction law)
+      : options_(options), law_(std::move(law)), problem_(selected, options.bins) {}
+
+  const TransientProblem& problem() const { return problem_; }
+  const SteadySolidFraction& law() const { return law_; }
+  std::unique_ptr<DilationModel> model(const std::string& member) const {
+    return dilation_model(member, options_.s_star_min, options_.s_star_max);
   }
 
-  const std::vector<StartUp>& runs() const { return runs_; }
-  /// ln s*, one offset a condition, one phi_0 a run: that is also the order of the values below.
-  std::size_t parameters() const { return 1 + conditions_ + runs_.size(); }
-
-  static constexpr std::size_t none = static_cast<std::size_t>(-1);
-
-  /// The problem in ln s* alone, one block a condition. `weights` empty: every bin counts the same.
-  LeastSquaresProblem problem(const SteadySolidFraction& law, const std::vector<Eigen::MatrixXd>& weights,
-                              double log_s_star, std::size_t left_out = none) const {
-    LeastSquaresProblem p;
-    p.name = "dilation";
-    p.parameters.push_back(
-        {"s_star", log_s_star, std::log(options_.s_star_min), std::log(options_.s_star_max)});
-    for (std::size_t c = 0; c < conditions_; ++c) {
-      auto part = std::make_shared<Part>(part_of(c, law, weights, left_out));
-      if (part->runs.empty()) continue;
-      ResidualBlock block;
-      block.parameters = {0};
-      block.size = static_cast<std::size_t>(part->rows);
-      block.evaluate = [part](std::span<const double> values, std::span<double> residuals,
-                              std::span<double> jacobian) {
-        const Projected projected = part->project(values[0], !jacobian.empty());
-        std::copy(projected.residuals.begin(), projected.residuals.end(), residuals.begin());
-        if (!jacobian.empty())
-          std::copy(projected.jacobian.begin(), projected.jacobian.end(), jacobian.begin());
-        return projected.residuals.allFinite();
-      };
-      p.blocks.push_back(std::move(block));
-    }
-    return p;
-  }
-
-  /// All values for a given s*.
-  std::vector<double> values(const SteadySolidFraction& law, const std::vector<Eigen::MatrixXd>& weights,
-                             double log_s_star) const {
-    std::vector<double> all(parameters(), 0.0);
-    all[0] = log_s_star;
-    for (std::size_t c = 0; c < conditions_; ++c) {
-      const Part part = part_of(c, law, weights, none);
-      const Projected projected = part.project(log_s_star, false);
-      all[1 + c] = projected.linear(0);
-      for (std::size_t k = 0; k < part.runs.size(); ++k)
-        all[part.runs[k]->columns[2]] = projected.linear(static_cast<Eigen::Index>(k) + 1);
-    }
-    return all;
-  }
-
-  /// Starts over the range of s*.
-  std::vector<std::vector<double>> starts() const {
+  /// Starts that fill the box of the bounds: multiples of the powers of 1/1.3247 (Roberts' sequence), so any
+  /// number of them is spread evenly.
+  static std::vector<std::vector<double>> starts(const DilationModel& model, long count) {
     std::vector<std::vector<double>> list;
-    const double low = std::log(options_.s_star_min);
-    const double high = std::log(options_.s_star_max);
-    for (long i = 1; i < options_.starts; ++i)
-      list.push_back(
-          {low + (high - low) * (static_cast<double>(i) - 0.5) / static_cast<double>(options_.starts - 1)});
-    return list;
-  }
-  double start() const {
-    return std::clamp(std::log(0.4), std::log(options_.s_star_min), std::log(options_.s_star_max));
-  }
-
-  /// Residuals of phi itself and their derivatives by all values, for the noise.
-  std::vector<CorrelatedResiduals> residuals(const SteadySolidFraction& law,
-                                             const std::vector<double>& values) const {
-    std::vector<CorrelatedResiduals> list;
-    for (const StartUp& run : runs_) {
-      const Equilibrium equilibrium = equilibrium_of(*run.transient, law);
-      const Binned model(run, equilibrium, values[run.columns[0]], values[run.columns[1]],
-                         values[run.columns[2]]);
-      CorrelatedResiduals out;
-      out.s = run.s;
-      out.parameters = run.columns;
-      out.residuals = model.misfit;
-      out.jacobian = -model.by;
-      list.push_back(std::move(out));
+    for (long i = 1; i < count; ++i) {
+      std::vector<double> x;
+      double multiplier = 1;
+      for (const Coordinate& c : model.coordinates()) {
+        multiplier /= 1.3247179572447460;
+        const double at = 0.5 + static_cast<double>(i) * multiplier;
+        x.push_back(c.lower + (at - std::floor(at)) * (c.upper - c.lower));
+      }
+      list.push_back(std::move(x));
     }
     return list;
   }
 
-  /// Of all values, from the whitened Jacobian.
-  Matrix covariance(const SteadySolidFraction& law, const std::vector<Eigen::MatrixXd>& weights,
-                    const std::vector<double>& values, bool s_star_held) const {
-    const auto p = static_cast<Eigen::Index>(parameters());
-    Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(p, p);
-    const std::vector<CorrelatedResiduals> all = residuals(law, values);
-    for (std::size_t r = 0; r < all.size(); ++r) {
-      const Eigen::MatrixXd j = weights[r] * all[r].jacobian;
-      const Eigen::MatrixXd jj = j.transpose() * j;
-      for (Eigen::Index a = 0; a < 3; ++a)
-        for (Eigen::Index b = 0; b < 3; ++b)
-          normal(static_cast<Eigen::Index>(runs_[r].columns[static_cast<std::size_t>(a)]),
-                 static_cast<Eigen::Index>(runs_[r].columns[static_cast<std::size_t>(b)])) += jj(a, b);
+  LeastSquaresResult solve(const DilationModel& model, const TransientProblem::Weights& weights,
+                           const std::vector<double>& start, long count = 1) const {
+    return solve_least_squares(problem_.problem(model, law_, weights, start), starts(model, count));
+  }
+
+  std::vector<CorrelatedResiduals> residuals(const DilationModel& model, const std::vector<double>& x,
+                                             const TransientProblem::Weights& weights) const {
+    return problem_.residuals(model, law_, x, problem_.constants(model, law_, weights, x, {}));
+  }
+
+  /// Noise and coordinates in turn, until these move by less than a tenth of their errors: the noise itself
+  /// is known no better than to some 10 %.
+  Settled settle(const DilationModel& model) const {
+    Settled s;
+    s.result = solve(model, {}, model.start());
+    for (bool settled = false; !settled; ++s.reweighted) {
+      if (s.reweighted == 20)
+        throw IdentifiabilityError(
+            "dilation: the noise of the transients and the fit do not settle; add transients");
+      s.noise = fit_noise(residuals(model, s.result.values, s.weights), problem_.parameters(model));
+      s.weights = problem_.whitening(s.noise);
+      const std::vector<double> before = s.result.values;
+      s.result = solve(model, s.weights, before);
+      settled = true;
+      for (std::size_t k = 0; k < before.size(); ++k)
+        settled =
+            settled && std::abs(s.result.values[k] - before[k]) <= 0.1 * root(s.result.covariance[k][k]);
     }
-    if (s_star_held) {
-      normal.row(0).setZero(), normal.col(0).setZero();
-      normal(0, 0) = 1;
+    s.result = solve(model, s.weights, s.result.values, options_.starts);
+    return s;
+  }
+
+  /// A member at given weights, for the comparison.
+  LawFit compare(const std::string& member, const TransientProblem::Weights& weights,
+                 double independent) const {
+    const std::unique_ptr<DilationModel> m = model(member);
+    LawFit out;
+    out.member = member;
+    std::vector<double> x;
+    if (!m->coordinates().empty()) {
+      const LeastSquaresResult result = solve(*m, weights, m->start(), std::min(3L, options_.starts));
+      x = result.values;
+      const NaturalParameters natural = m->natural(x);
+      out.covariance = propagate(natural.by_coordinate, result.covariance);
+      for (std::size_t k = 0; k < x.size(); ++k)
+        out.parameters.push_back(symmetric_estimate(m->parameters()[k], natural.values[k],
+                                                    out.covariance[k][k], normal_quantile(0.975),
+                                                    result.at_bound[k]));
     }
-    const Eigen::LDLT<Eigen::MatrixXd> factor(normal);
-    if (factor.info() != Eigen::Success || !(factor.vectorD().minCoeff() > 0))
-      throw IdentifiabilityError(
-          "dilation: the transients leave a combination of s*, offsets and phi_0 open");
-    const Eigen::MatrixXd inverse = factor.solve(Eigen::MatrixXd::Identity(p, p));
-    Matrix out(parameters(), std::vector<double>(parameters()));
-    for (Eigen::Index a = 0; a < p; ++a)
-      for (Eigen::Index b = 0; b < p; ++b)
-        out[static_cast<std::size_t>(a)][static_cast<std::size_t>(b)] =
-            s_star_held && (a == 0 || b == 0) ? 0 : 0.5 * (inverse(a, b) + inverse(b, a));
+    out.coordinates = x;
+    out.interval_factor = normal_quantile(0.975);
+    std::size_t samples = 0;
+    bool offsets_count = false;
+    const std::vector<CorrelatedResiduals> left = residuals(*m, x, weights);
+    for (std::size_t r = 0; r < left.size(); ++r) {
+      out.chi2 += (weights[r] * left[r].residuals).squaredNorm();
+      samples += left[r].s.size();
+      offsets_count = offsets_count || left[r].jacobian.col(static_cast<Eigen::Index>(x.size())).any();
+    }
+    const auto k = static_cast<double>(problem_.parameters(*m) - (offsets_count ? 0 : problem_.conditions()));
+    out.degrees_of_freedom = static_cast<double>(samples) - k;
+    out.chi2_per_dof = out.degrees_of_freedom > 0 ? out.chi2 / out.degrees_of_freedom : 0;
+    // The noise is the same for all members, so its determinant drops out.
+    out.AICc = independent - k - 1 > 0 ? out.chi2 + 2 * k + 2 * k * (k + 1) / (independent - k - 1)
+                                       : out.chi2 + 2 * k;
+    out.BIC = out.chi2 + k * std::log(std::max(2.0, independent));
     return out;
   }
 
-  std::vector<Eigen::MatrixXd> whitening(const NoiseModel& noise) const {
-    std::vector<Eigen::MatrixXd> list;
-    for (const StartUp& run : runs_) {
-      if (!list.empty() && run.s == runs_[list.size() - 1].s)
-        list.push_back(list.back());
-      else
-        list.push_back(noise.whitening(run.s));
-    }
-    return list;
-  }
-
  private:
-  /// phi of the model and its derivatives by ln s*, offset and phi_0, averaged over the bins of one run.
-  struct Binned {
-    Eigen::VectorXd misfit;  ///< data less model
-    Eigen::MatrixXd by;      ///< of the model
-    Binned(const StartUp& run, const Equilibrium& equilibrium, double log_s_star, double offset,
-           double phi_0) {
-      const TransientSolution solution =
-          relax_phi(run.transient->s, equilibrium.at, equilibrium.step, log_s_star, offset, phi_0);
-      const auto n = static_cast<Eigen::Index>(run.s.size());
-      misfit.resize(n);
-      by = Eigen::MatrixXd::Zero(n, 3);
-      for (Eigen::Index k = 0; k < n; ++k) {
-        const std::size_t from = run.bins.first[static_cast<std::size_t>(k)];
-        const std::size_t to = run.bins.first[static_cast<std::size_t>(k) + 1];
-        double phi = 0;
-        for (std::size_t i = from; i < to; ++i) {
-          phi += solution.phi[i];
-          for (Eigen::Index c = 0; c < 3; ++c)
-            by(k, c) += solution.phi_by_coordinate[i][static_cast<std::size_t>(c)];
-        }
-        const auto count = static_cast<double>(to - from);
-        by.row(k) /= count;
-        misfit(k) = run.phi[static_cast<std::size_t>(k)] - phi / count;
-      }
-    }
-  };
-
-  struct Projected {
-    Eigen::VectorXd residuals, jacobian, linear;
-  };
-
-  /// The runs of one condition, for a given steady law and weights.
-  struct Part {
-    std::vector<const StartUp*> runs;
-    std::vector<Equilibrium> equilibrium;
-    std::vector<Eigen::MatrixXd> whiten;  ///< empty: none
-    Eigen::Index rows = 0;
-
-    Projected project(double log_s_star, bool with_jacobian) const {
-      const auto columns = static_cast<Eigen::Index>(runs.size()) + 1;
-      Eigen::VectorXd y(rows);
-      Eigen::MatrixXd x = Eigen::MatrixXd::Zero(rows, columns);
-      const auto each = [&](auto&& visit) {
-        Eigen::Index at = 0;
-        for (std::size_t k = 0; k < runs.size(); ++k) {
-          const auto n = static_cast<Eigen::Index>(runs[k]->s.size());
-          visit(k, at, n);
-          at += n;
-        }
-      };
-      const auto whitened = [&](std::size_t k, const Eigen::MatrixXd& m) -> Eigen::MatrixXd {
-        return whiten.empty() ? m : Eigen::MatrixXd(whiten[k] * m);
-      };
-      each([&](std::size_t k, Eigen::Index at, Eigen::Index n) {
-        const Binned base(*runs[k], equilibrium[k], log_s_star, 0, 0);
-        y.segment(at, n) = whitened(k, base.misfit);
-        const Eigen::MatrixXd by = whitened(k, base.by.rightCols(2));
-        x.col(0).segment(at, n) = by.col(0);
-        x.col(static_cast<Eigen::Index>(k) + 1).segment(at, n) = by.col(1);
-      });
-      const Eigen::HouseholderQR<Eigen::MatrixXd> factor(x);
-      Projected out;
-      out.linear = factor.solve(y);
-      out.residuals = y - x * out.linear;
-      if (!with_jacobian) return out;
-      Eigen::VectorXd z(rows);
-      each([&](std::size_t k, Eigen::Index at, Eigen::Index n) {
-        const Binned full(*runs[k], equilibrium[k], log_s_star, out.linear(0),
-                          out.linear(static_cast<Eigen::Index>(k) + 1));
-        z.segment(at, n) = whitened(k, full.by.col(0));
-      });
-      out.jacobian = x * factor.solve(z) - z;
-      return out;
-    }
-  };
-
-  Part part_of(std::size_t condition, const SteadySolidFraction& law,
-               const std::vector<Eigen::MatrixXd>& weights, std::size_t left_out) const {
-    Part part;
-    for (std::size_t r = 0; r < runs_.size(); ++r) {
-      if (runs_[r].condition != condition || r == left_out) continue;
-      part.runs.push_back(&runs_[r]);
-      part.equilibrium.push_back(equilibrium_of(*runs_[r].transient, law));
-      if (!weights.empty()) part.whiten.push_back(weights[r]);
-      part.rows += static_cast<Eigen::Index>(runs_[r].s.size());
-    }
-    return part;
-  }
-
-  FitOptions options_;
-  std::size_t conditions_;
-  std::vector<StartUp> runs_;
-};
-
-// Sum over runs of how many independent samples each has, less the parameters: for Student's t.
-double effective_dof(const NoiseModel& noise, const std::vector<StartUp>& runs, std::size_t parameters) {
-  double count = 0;
-  for (const StartUp& run : runs) count += noise.independent_samples(run.s);
-  return std::max(1.0, count - static_cast<double>(parameters));
-}
-
-// phi and beta of one start-up for given parameters of the dilation fit, on the samples of the observables.
-struct Evolution {
-  std::vector<double> phi, beta;
-};
-Evolution evolution(const StartUp& run, const SteadySolidFraction& law, const std::vector<double>& values) {
-  const Equilibrium equilibrium = equilibrium_of(*run.transient, law);
-  TransientSolution solution =
-      relax_phi(run.transient->s, equilibrium.at, equilibrium.step, values[run.columns[0]],
-                values[run.columns[1]], values[run.columns[2]]);
-  return {std::move(solution.phi), std::move(solution.beta)};
-}
-
-double jackknife_variance(const std::vector<double>& without) {
-  const auto n = static_cast<double>(without.size());
-  double mean = 0;
-  for (double v : without) mean += v / n;
-  double squares = 0;
-  for (double v : without) squares += (v - mean) * (v - mean);
-  return (n - 1) / n * squares;
-}
-
-// Linear regression of mu - mu_steady(I) on the fitted beta with correlated noise, one constant a condition.
-class MuOnBeta {
- public:
-  MuOnBeta(const Fit& fit, const DilationProblem& dilation)
-      : law_(fit.solid_fraction_law()), bins_(fit.options.bins) {
-    std::map<std::size_t, std::size_t> columns;  // of the conditions that have a run which is long enough
-    for (std::size_t r = 0; r < fit.transients.size(); ++r) {
-      const TransientFit& t = fit.transients[r];
-      const auto skipped = static_cast<std::size_t>(
-          std::lower_bound(t.s.begin(), t.s.end(), fit.options.mu_from_strain) - t.s.begin());
-      if (t.s.size() - skipped < 10) continue;
-      const StartUp& start_up = dilation.runs()[r];
-      Part part{&start_up, skipped, {}, {}};
-      part.data.s = binned(part, t.s);
-      const std::vector<double> y = binned(part, t.mu_excess);
-      part.data.residuals = Eigen::Map<const Eigen::VectorXd>(y.data(), static_cast<Eigen::Index>(y.size()));
-      part.data.jacobian = Eigen::MatrixXd::Ones(static_cast<Eigen::Index>(y.size()), 2);
-      part.data.parameters = {0, columns.try_emplace(start_up.condition, columns.size() + 1).first->second};
-      parts_.push_back(std::move(part));
-    }
-    count_ = columns.size() + 1;
-  }
-
-  std::size_t runs() const { return parts_.size(); }
-
-  // The noise of mu about the regression, for the fitted parameters `values` of the dilation.
-  NoiseModel find_noise(const std::vector<double>& values) {
-    std::vector<CorrelatedResiduals> data;
-    for (Part& part : parts_) {
-      set_beta(part, values);
-      data.push_back(part.data);
-    }
-    const NoiseModel noise = fit_noise(data, count_);
-    for (Part& part : parts_) {
-      part.whiten = noise.whitening(part.data.s);
-      independent_ += noise.independent_samples(part.data.s);
-    }
-    return noise;
-  }
-
-  double degrees_of_freedom() const { return std::max(1.0, independent_ - static_cast<double>(count_)); }
-
-  struct Share {
-    double value = 0, variance = 0;
-  };
-  Share solve(const std::vector<double>& values, std::size_t left_out = DilationProblem::none) {
-    const auto p = static_cast<Eigen::Index>(count_);
-    Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(p, p);
-    Eigen::VectorXd right = Eigen::VectorXd::Zero(p);
-    for (std::size_t r = 0; r < parts_.size(); ++r) {
-      if (r == left_out) continue;
-      Part& part = parts_[r];
-      set_beta(part, values);
-      const Eigen::MatrixXd j = part.whiten * part.data.jacobian;
-      const Eigen::VectorXd y = part.whiten * part.data.residuals;
-      for (Eigen::Index a = 0; a < 2; ++a) {
-        const auto row = static_cast<Eigen::Index>(part.data.parameters[static_cast<std::size_t>(a)]);
-        right(row) += j.col(a).dot(y);
-        for (Eigen::Index b = 0; b < 2; ++b)
-          normal(row, static_cast<Eigen::Index>(part.data.parameters[static_cast<std::size_t>(b)])) +=
-              j.col(a).dot(j.col(b));
-      }
-    }
-    for (Eigen::Index c = 1; c < p; ++c)
-      if (normal(c, c) == 0) normal(c, c) = 1;  // the constant of a condition whose only run is left out
-    const Eigen::LDLT<Eigen::MatrixXd> factor(normal);
-    return {factor.solve(right)(0), factor.solve(Eigen::VectorXd::Unit(p, 0))(0)};
-  }
-
- private:
-  struct Part {
-    const StartUp* start_up;
-    std::size_t skipped;
-    CorrelatedResiduals data;
-    Eigen::MatrixXd whiten;
-  };
-  std::vector<double> binned(const Part& part, const std::vector<double>& samples) const {
-    const std::vector<double> rest(samples.begin() + static_cast<std::ptrdiff_t>(part.skipped),
-                                   samples.end());
-    return Bins(rest.size(), bins_).mean(rest);
-  }
-  void set_beta(Part& part, const std::vector<double>& values) const {
-    const std::vector<double> beta = binned(part, evolution(*part.start_up, law_, values).beta);
-    part.data.jacobian.col(0) =
-        Eigen::Map<const Eigen::VectorXd>(beta.data(), static_cast<Eigen::Index>(beta.size()));
-  }
-
+  const FitOptions& options_;
   SteadySolidFraction law_;
-  long bins_;
-  std::vector<Part> parts_;
-  std::size_t count_ = 0;
-  double independent_ = 0;
+  TransientProblem problem_;
 };
 
-// `values` and `covariance` are those of the dilation fit.
-void regress_mu_on_beta(Fit& fit, const DilationProblem& dilation, const std::vector<double>& values,
-                        const Matrix& covariance) {
-  MuOnBeta regression(fit, dilation);
-  if (regression.runs() == 0) return;
-  fit.mu_noise = regression.find_noise(values);
-  auto [share, variance] = regression.solve(values);
-  if (regression.runs() >= 3) {
-    std::vector<double> without;
-    for (std::size_t r = 0; r < regression.runs(); ++r) without.push_back(regression.solve(values, r).value);
-    variance = std::max(variance, jackknife_variance(without));
+/// Sum over runs of how many independent samples each has.
+double independent_samples(const NoiseModel& noise, const TransientProblem& problem) {
+  double count = 0;
+  for (const BinnedTransient& run : problem.runs()) count += noise.independent_samples(run.s);
+  return count;
+}
+
+/// How well a law describes the mean trace of a group of twins, beyond what their noise would hide.
+struct Description {
+  double chi2_per_dof = 0, explained = 0, signal_to_noise = 0;
+};
+
+class Checks {
+ public:
+  Checks(const TransientProblem& problem, const NoiseModel& noise)
+      : problem_(problem), noise_(noise), weights_(problem.whitening(noise)) {}
+
+  const TransientProblem::Weights& weights() const { return weights_; }
+
+  /// `left`: residuals of all runs; `constants`: how many were fitted to this group.
+  Description describe(std::size_t group, const std::vector<CorrelatedResiduals>& left,
+                       double constants) const {
+    double chi2 = 0, samples = 0, runs = 0;
+    std::size_t bins = static_cast<std::size_t>(-1);
+    for (std::size_t r = 0; r < left.size(); ++r) {
+      if (problem_.runs()[r].group != group) continue;
+      chi2 += (weights_[r] * left[r].residuals).squaredNorm();
+      samples += static_cast<double>(left[r].s.size());
+      bins = std::min(bins, left[r].s.size());
+      ++runs;
+    }
+    // The runs of a group share their axis of strain.
+    std::vector<double> data(bins, 0.0), rest(bins, 0.0);
+    for (std::size_t r = 0; r < left.size(); ++r)
+      for (std::size_t k = 0; k < bins && problem_.runs()[r].group == group; ++k) {
+        data[k] += problem_.runs()[r].phi[k] / runs;
+        rest[k] += left[r].residuals(static_cast<Eigen::Index>(k)) / runs;
+      }
+    const auto n = static_cast<double>(bins);
+    double mean = 0, signal = 0, missed = 0;
+    for (double v : data) mean += v / n;
+    for (std::size_t k = 0; k < bins; ++k) {
+      signal += (data[k] - mean) * (data[k] - mean) / n;
+      missed += rest[k] * rest[k] / n;
+    }
+    const double noise = (noise_.wander_sd * noise_.wander_sd + noise_.white_sd * noise_.white_sd) / runs;
+    Description d;
+    d.chi2_per_dof = chi2 / std::max(1.0, samples - constants);
+    d.signal_to_noise = std::sqrt(std::max(0.0, signal - noise) / noise);
+    d.explained = signal > noise ? 1 - std::max(0.0, missed - noise) / (signal - noise) : 0;
+    return d;
   }
-  // The fitted beta has errors of its own: by the delta method, central differences over one standard error.
-  Matrix to(1, std::vector<double>(values.size(), 0.0));
-  for (std::size_t k = 0; k < values.size(); ++k) {
-    const double step = root(covariance[k][k]);
-    if (!(step > 0)) continue;
-    std::vector<double> up = values;
-    std::vector<double> down = values;
-    up[k] += step;
-    down[k] -= step;
-    to[0][k] = (regression.solve(up).value - regression.solve(down).value) / (2 * step);
+
+ private:
+  const TransientProblem& problem_;
+  NoiseModel noise_;
+  TransientProblem::Weights weights_;
+};
+
+/// Every group by the fitted law, and by a law that was fitted without it (offset 0, phi_0 of each run free).
+std::vector<TransientCheck> check_groups(const DilationFit& dilation, const DilationModel& model,
+                                         const std::vector<double>& x, const Settled& settled,
+                                         const NoiseModel& seeds) {
+  const TransientProblem& problem = dilation.problem();
+  const Checks checks(problem, seeds);
+  const std::vector<CorrelatedResiduals> fitted = dilation.residuals(model, x, settled.weights);
+  std::vector<TransientCheck> list;
+  for (std::size_t group = 0; group < problem.groups(); ++group) {
+    TransientCheck check;
+    double conditions_share = 0;
+    std::size_t in_condition = 0, condition = 0;
+    for (const BinnedTransient& run : problem.runs()) {
+      if (run.group != group) continue;
+      if (check.seeds++ == 0) {
+        const Transient& t = *run.transient;
+        check.kind = t.kind;
+        check.I_before = t.I_before, check.I_driven = t.I_driven;
+        check.load_before = t.load_before, check.load = t.load;
+        check.packing_friction = t.packing_friction;
+        check.s = run.s;
+        condition = run.condition;
+      }
+    }
+    for (const BinnedTransient& run : problem.runs()) in_condition += run.condition == condition;
+    conditions_share = static_cast<double>(check.seeds) / static_cast<double>(in_condition);
+    check.phi.assign(check.s.size(), 0.0), check.phi_fit.assign(check.s.size(), 0.0);
+    for (std::size_t r = 0; r < fitted.size(); ++r)
+      for (std::size_t k = 0; problem.runs()[r].group == group && k < check.s.size(); ++k) {
+        if (k >= problem.runs()[r].phi.size()) continue;
+        check.phi[k] += problem.runs()[r].phi[k] / static_cast<double>(check.seeds);
+        check.phi_fit[k] += (problem.runs()[r].phi[k] - fitted[r].residuals(static_cast<Eigen::Index>(k))) /
+                            static_cast<double>(check.seeds);
+      }
+    const Description d = checks.describe(group, fitted, static_cast<double>(check.seeds) + conditions_share);
+    check.chi2_per_dof = d.chi2_per_dof, check.explained = d.explained;
+    check.signal_to_noise = d.signal_to_noise;
+    if (problem.groups() > 1 && !x.empty()) {
+      TransientProblem::Choice without;
+      without.without_group = group;
+      try {
+        const LeastSquaresResult rest =
+            solve_least_squares(problem.problem(model, dilation.law(), settled.weights, x, without));
+        TransientProblem::Choice only;
+        only.only_group = group;
+        only.offsets = false;
+        const TransientConstants constants =
+            problem.constants(model, dilation.law(), checks.weights(), rest.values, only);
+        const Description predicted =
+            checks.describe(group, problem.residuals(model, dilation.law(), rest.values, constants),
+                            static_cast<double>(check.seeds));
+        check.predicted = true;
+        check.predicted_chi2_per_dof = predicted.chi2_per_dof;
+        check.predicted_explained = predicted.explained;
+      } catch (const IdentifiabilityError&) {  // the others do not tell the law: `predicted` stays false
+      }
+    }
+    list.push_back(std::move(check));
   }
-  variance += propagate(to, covariance)[0][0];
-  if (!std::isfinite(share) || !(variance > 0)) return;
-  fit.beta_in_mu = symmetric_estimate("beta_in_mu", share, variance,
-                                      student_t_quantile(0.975, regression.degrees_of_freedom()));
+  return list;
+}
+
+/// Autocorrelation of the whitened residuals at lag one.
+double lag_one(const std::vector<CorrelatedResiduals>& left, const TransientProblem::Weights& weights) {
+  double products = 0, squares = 0;
+  for (std::size_t r = 0; r < left.size(); ++r) {
+    const Eigen::VectorXd white = weights[r] * left[r].residuals;
+    squares += white.squaredNorm();
+    products += white.head(white.size() - 1).dot(white.tail(white.size() - 1));
+  }
+  return products / squares;
+}
+
+TransientFit seen(const Transient& t, const Fit& fit, const TransientSolution& solution) {
+  TransientFit out;
+  out.run = t.run, out.kind = t.kind, out.seed = t.seed, out.I_driven = t.I_driven;
+  out.s = t.s, out.phi = t.phi, out.beta = t.beta;
+  out.phi_fit = solution.phi, out.beta_fit = solution.beta;
+  double mean = 0, about_mean = 0, about_fit = 0;
+  for (double phi : t.phi) mean += phi / static_cast<double>(t.phi.size());
+  for (std::size_t i = 0; i < t.s.size(); ++i) {
+    out.mu_excess.push_back(t.mu[i] - fit.steady_friction_at(t.I[i]));
+    about_mean += (t.phi[i] - mean) * (t.phi[i] - mean);
+    about_fit += (t.phi[i] - solution.phi[i]) * (t.phi[i] - solution.phi[i]);
+  }
+  out.explained = about_mean > 0 ? 1 - about_fit / about_mean : 0;
+  return out;
 }
 
 }  // namespace
 
-std::vector<double> fit_dilation(Fit& fit, const SelectedData& selected, const SteadyModel& model,
-                                 const std::vector<double>& coordinates,
-                                 const Matrix& coordinate_covariance) {
+Matrix fit_dilation(Fit& fit, const SelectedData& selected, const SteadyModel& model,
+                    const std::vector<double>& coordinates, const Matrix& coordinate_covariance) {
   const FitOptions& options = fit.options;
-  const SteadySolidFraction law = fit.solid_fraction_law();
-  const DilationProblem dilation(selected.transients, selected.conditions, options);
-  const std::vector<std::vector<double>> starts = dilation.starts();
-  LeastSquaresResult result = solve_least_squares(dilation.problem(law, {}, dilation.start()), starts);
-  std::vector<Eigen::MatrixXd> weights;
-  int reweighted = 0;
-  for (bool settled = false; !settled; ++reweighted) {
-    if (reweighted == 20)
-      throw IdentifiabilityError(
-          "dilation: the noise of the transients and the fit do not settle; add start-ups");
-    const std::vector<double> values = dilation.values(law, weights, result.values[0]);
-    fit.phi_noise = fit_noise(dilation.residuals(law, values), dilation.parameters());
-    weights = dilation.whitening(fit.phi_noise);
-    const double before = result.values[0];
-    result = solve_least_squares(dilation.problem(law, weights, before));
-    // A tenth of the error: the noise itself is known no better than to some 10 %.
-    settled = std::abs(result.values[0] - before) <= 0.1 * root(result.covariance[0][0]);
-  }
-  result = solve_least_squares(dilation.problem(law, weights, result.values[0]), starts);
-  result.degrees_of_freedom -= static_cast<long>(dilation.parameters()) - 1;
-  if (result.degrees_of_freedom <= 0)
-    throw IdentifiabilityError("dilation: as many offsets and initial solid fractions as data; add samples");
-  const std::vector<double> best = dilation.values(law, weights, result.values[0]);
-  const Matrix covariance = dilation.covariance(law, weights, best, result.at_bound[0]);
-  const double s_star = std::exp(best[0]);
+  const DilationFit dilation(selected, options, fit.solid_fraction_law());
+  const TransientProblem& problem = dilation.problem();
 
-  // How far the steady law, which is held, moves s*: central differences over one standard error of each of
-  // its coordinates.
-  std::vector<double> by_coordinate(coordinates.size(), 0.0);
-  for (std::size_t k = 0; k < coordinates.size() && !result.at_bound[0]; ++k) {
-    const double step = root(coordinate_covariance[k][k]);
-    if (!(step > 0)) continue;
-    std::array<double, 2> moved{};
-    for (int side = 0; side < 2; ++side) {
-      std::vector<double> x = coordinates;
-      x[k] += side == 0 ? -step : step;
-      const SteadySolidFraction other = solid_fraction_at(model, x);
-      moved[static_cast<std::size_t>(side)] =
-          solve_least_squares(dilation.problem(other, weights, best[0])).values[0];
+  std::string chosen = options.dilation == "best" ? "phi_relaxes" : options.dilation;
+  std::unique_ptr<DilationModel> law = dilation.model(chosen);
+  Settled settled = dilation.settle(*law);
+  fit.seed_noise = problem.noise_of_seeds(dilation.residuals(*law, settled.result.values, settled.weights),
+                                          law->coordinates().size());
+  const bool seeds_known = fit.seed_noise.strain_scale > 0;
+  if (options.compare) {
+    // The noise as the seeds show it, without any law, if they do; else what phi_relaxes leaves.
+    const NoiseModel& noise = seeds_known ? fit.seed_noise : settled.noise;
+    const TransientProblem::Weights weights = problem.whitening(noise);
+    const double independent = independent_samples(noise, problem);
+    for (const std::string& member : dilation_members) {
+      try {
+        fit.dilation_members.push_back(dilation.compare(member, weights, independent));
+      } catch (const IdentifiabilityError& error) {  // of one member: the comparison says so
+        fit.dilation_members.emplace_back();
+        fit.dilation_members.back().member = member;
+        fit.dilation_members.back().failure = error.what();
+      }
     }
-    by_coordinate[k] = (moved[1] - moved[0]) / (2 * step);
+    if (options.dilation == "best") {
+      const LawFit& first = fit.dilation_members.front();
+      double least = first.AICc - decisive_AICc;
+      for (std::size_t k = 1; k < members_of_flows; ++k) {
+        const LawFit& other = fit.dilation_members[k];
+        const bool usable =
+            other.failure.empty() && std::none_of(other.parameters.begin(), other.parameters.end(),
+                                                  [](const Estimate& e) { return e.at_bound; });
+        if (usable && other.AICc < least) least = other.AICc, chosen = other.member;
+      }
+      if (chosen != law->name()) {
+        law = dilation.model(chosen);
+        settled = dilation.settle(*law);
+      }
+    }
   }
-
-  double variance = covariance[0][0];
-  fit.s_star_error_least_squares = s_star * root(variance);
-  const std::size_t runs = dilation.runs().size();
-  if (runs >= 3 && !result.at_bound[0]) {
-    std::vector<double> without;
-    for (std::size_t r = 0; r < runs; ++r)
-      without.push_back(solve_least_squares(dilation.problem(law, weights, best[0], r)).values[0]);
-    const double jackknife = jackknife_variance(without);
-    fit.s_star_error_jackknife = s_star * root(jackknife);
-    variance = std::max(variance, jackknife);
-  }
-  variance += propagate({by_coordinate}, coordinate_covariance)[0][0];
+  const std::vector<double>& best = settled.result.values;
+  const std::size_t n = best.size();
+  const std::vector<bool>& at_bound = settled.result.at_bound;
+  const TransientConstants constants = problem.constants(*law, dilation.law(), settled.weights, best, {});
+  const std::vector<CorrelatedResiduals> left = problem.residuals(*law, dilation.law(), best, constants);
+  const Matrix covariance = problem.covariance(*law, left, settled.weights, at_bound);
+  fit.phi_noise = settled.noise;
+  fit.whitened_autocorrelation = lag_one(left, settled.weights);
 
   LawFit& out = fit.dilation;
-  out.member = "phi_relaxes";
-  out.search = {result.starts,      result.converged,       result.agreed, result.iterations,
-                result.termination, result.singular_values, reweighted};
-  out.chi2 = result.chi2;
-  out.degrees_of_freedom = static_cast<double>(result.degrees_of_freedom);
-  out.chi2_per_dof = result.degrees_of_freedom > 0 ? result.chi2 / out.degrees_of_freedom : 0;
+  out.member = law->name();
+  out.coordinates = best;
+  out.search = {settled.result.starts,     settled.result.converged,   settled.result.agreed,
+                settled.result.iterations, settled.result.termination, settled.result.singular_values,
+                settled.reweighted};
+  out.chi2 = settled.result.chi2;
+  std::size_t samples = 0;
+  for (const CorrelatedResiduals& run : left) samples += run.s.size();
+  const auto parameters = static_cast<double>(problem.parameters(*law));
+  out.degrees_of_freedom = static_cast<double>(samples) - parameters;
+  if (!(out.degrees_of_freedom > 0))
+    throw IdentifiabilityError("dilation: as many offsets and initial solid fractions as data; add samples");
+  out.chi2_per_dof = out.chi2 / out.degrees_of_freedom;
   out.interval_factor =
-      student_t_quantile(0.975, effective_dof(fit.phi_noise, dilation.runs(), dilation.parameters()));
-  out.covariance = {{s_star * s_star * variance}};
-  if (result.at_bound[0]) out.covariance = {{0.0}};
-  out.parameters = {
-      positive_estimate("s_star", s_star, out.covariance[0][0], out.interval_factor, result.at_bound[0])};
+      student_t_quantile(0.975, std::max(1.0, independent_samples(settled.noise, problem) - parameters));
+  for (const LawFit& member : fit.dilation_members)
+    if (member.member == out.member) out.AICc = member.AICc, out.BIC = member.BIC;
 
-  double products = 0;
-  double squares = 0;
-  // The residuals stand condition by condition.
-  std::vector<std::size_t> row_of(runs);
-  for (std::size_t condition = 0, next = 0; condition < selected.conditions; ++condition)
-    for (std::size_t r = 0; r < runs; ++r)
-      if (dilation.runs()[r].condition == condition) {
-        row_of[r] = next;
-        next += dilation.runs()[r].s.size();
-      }
-  for (std::size_t r = 0; r < runs; ++r) {
-    std::size_t row = row_of[r];
-    const StartUp& run = dilation.runs()[r];
-    const Transient& t = *run.transient;
-    for (std::size_t i = 0; i < run.s.size(); ++i, ++row) {
-      squares += result.residuals[row] * result.residuals[row];
-      if (i > 0) products += result.residuals[row] * result.residuals[row - 1];
+  // Errors of the coordinates: from the whitened fit, or the spread over runs where that is larger.
+  Matrix of_coordinates(n, std::vector<double>(n, 0.0));
+  for (std::size_t a = 0; a < n; ++a)
+    for (std::size_t b = 0; b < n; ++b) of_coordinates[a][b] = covariance[a][b];
+  const NaturalParameters natural = law->natural(best);
+  const std::size_t runs = problem.runs().size();
+  fit.s_star_error_least_squares = natural.by_coordinate[0][0] * root(covariance[0][0]);
+  if (runs >= 3 && std::none_of(at_bound.begin(), at_bound.end(), [](bool b) { return b; })) {
+    const std::vector<std::vector<double>> without =
+        problem.without_each_run(*law, dilation.law(), settled.weights, best);
+    for (std::size_t k = 0; k < n; ++k) {
+      std::vector<double> values;
+      for (const std::vector<double>& x : without) values.push_back(x[k]);
+      const double jackknife = jackknife_variance(values);
+      if (k == 0) fit.s_star_error_jackknife = natural.by_coordinate[0][0] * root(jackknife);
+      if (!(jackknife > covariance[k][k])) continue;
+      const double larger = std::sqrt(jackknife / covariance[k][k]);
+      for (std::size_t b = 0; b < n; ++b) of_coordinates[k][b] *= larger, of_coordinates[b][k] *= larger;
     }
-    TransientFit seen;
-    seen.run = t.run;
-    seen.kind = t.kind;
-    seen.seed = t.seed;
-    seen.I_driven = t.I_driven;
-    seen.phi_offset = best[run.columns[1]];
-    seen.phi_0 = symmetric_estimate("phi_0", best[run.columns[2]], covariance[run.columns[2]][run.columns[2]],
-                                    out.interval_factor);
-    seen.s = t.s;
-    seen.phi = t.phi;
-    seen.beta = t.beta;
-    Evolution fitted = evolution(run, law, best);
-    seen.phi_fit = std::move(fitted.phi);
-    seen.beta_fit = std::move(fitted.beta);
-    double mean = 0;
-    for (double phi : t.phi) mean += phi / static_cast<double>(t.phi.size());
-    double about_mean = 0;
-    double about_fit = 0;
-    for (std::size_t i = 0; i < t.s.size(); ++i) {
-      seen.mu_excess.push_back(t.mu[i] - fit.steady_friction_at(t.I[i]));
-      about_mean += (t.phi[i] - mean) * (t.phi[i] - mean);
-      about_fit += (t.phi[i] - seen.phi_fit[i]) * (t.phi[i] - seen.phi_fit[i]);
-    }
-    seen.explained = about_mean > 0 ? 1 - about_fit / about_mean : 0;
-    fit.transients.push_back(std::move(seen));
   }
-  fit.whitened_autocorrelation = products / squares;
-  regress_mu_on_beta(fit, dilation, best, covariance);
-  return by_coordinate;
+  // How far the steady law, which is held, moves them: central differences over one standard error of each of
+  // its coordinates.
+  Matrix by_coordinate(n, std::vector<double>(coordinates.size(), 0.0));
+  for (std::size_t c = 0; c < coordinates.size(); ++c) {
+    const double step = root(coordinate_covariance[c][c]);
+    if (!(step > 0)) continue;
+    std::array<std::vector<double>, 2> moved;
+    for (int side = 0; side < 2; ++side) {
+      std::vector<double> x = coordinates;
+      x[c] += side == 0 ? -step : step;
+      moved[static_cast<std::size_t>(side)] =
+          solve_least_squares(problem.problem(*law, solid_fraction_at(model, x), settled.weights, best))
+              .values;
+    }
+    for (std::size_t k = 0; k < n; ++k)
+      if (!at_bound[k]) by_coordinate[k][c] = (moved[1][k] - moved[0][k]) / (2 * step);
+  }
+  const Matrix of_law = propagate(by_coordinate, coordinate_covariance);
+  for (std::size_t a = 0; a < n; ++a)
+    for (std::size_t b = 0; b < n; ++b) of_coordinates[a][b] += of_law[a][b];
+  out.coordinate_covariance = of_coordinates;
+  out.covariance = propagate(natural.by_coordinate, of_coordinates);
+  Matrix by_law(n, std::vector<double>(coordinates.size(), 0.0));
+  for (std::size_t k = 0; k < n; ++k) {
+    const std::string& name = law->parameters()[k];
+    const double variance = out.covariance[k][k];
+    out.parameters.push_back(
+        law->coordinates()[k].name == name
+            ? symmetric_estimate(name, natural.values[k], variance, out.interval_factor, at_bound[k])
+            : positive_estimate(name, natural.values[k], variance, out.interval_factor, at_bound[k]));
+    for (std::size_t c = 0; c < coordinates.size(); ++c)
+      by_law[k][c] = natural.by_coordinate[k][k] * by_coordinate[k][c];
+  }
+
+  std::vector<TransientSolution> solutions;
+  for (std::size_t r = 0; r < runs; ++r) {
+    solutions.push_back(problem.solution(*law, dilation.law(), best, constants, r));
+    TransientFit one = seen(*problem.runs()[r].transient, fit, solutions.back());
+    one.phi_offset = constants.offset[problem.runs()[r].condition];
+    const std::size_t of_phi_0 = n + problem.conditions() + r;
+    one.phi_0 =
+        symmetric_estimate("phi_0", constants.phi_0[r], covariance[of_phi_0][of_phi_0], out.interval_factor);
+    fit.transients.push_back(std::move(one));
+  }
+  if (seeds_known) fit.transient_checks = check_groups(dilation, *law, best, settled, fit.seed_noise);
+  const BetaInMu shares = regress_mu_on_beta(fit, problem, solutions, n, covariance);
+  fit.beta_in_mu = shares.share;
+  fit.beta_in_mu_by_kind = shares.by_kind;
+  fit.mu_noise = shares.noise;
+  return by_law;
 }
 
 }  // namespace dem2sph

@@ -1,5 +1,5 @@
-// The strain scale of dilation from transients, and the share of beta that shows in friction. README,
-// "Transients".
+// The law of dilation from transients: which member, with which parameters, how well it describes each kind
+// of change, and the share of beta that shows in friction. README, "Transients".
 #pragma once
 
 #include <vector>
@@ -10,9 +10,9 @@
 
 namespace dem2sph {
 
-/// Fits s* to the transients with the solid fraction law of `fit` held, and fills what `fit` says of them.
-/// Returns d(ln s*) by each coordinate of that law, for the covariance.
-std::vector<double> fit_dilation(Fit& fit, const SelectedData& selected, const SteadyModel& model,
-                                 const std::vector<double>& coordinates, const Matrix& coordinate_covariance);
+/// Fits the transients with the solid fraction law of `fit` held, and fills what `fit` says of them. Returns
+/// the derivatives of the parameters of dilation (rows) by the coordinates of that law, for the covariance.
+Matrix fit_dilation(Fit& fit, const SelectedData& selected, const SteadyModel& model,
+                    const std::vector<double>& coordinates, const Matrix& coordinate_covariance);
 
 }  // namespace dem2sph

@@ -50,6 +50,9 @@ inline const ParameterTable fit_table{
       "Fit every member of the families and predict conditions that were left out, for a comparison."},
      {"profiles", Kind::flag, "", -unbounded, unbounded, "true",
       "Intervals from the profile likelihood instead of the standard error."},
+     {"bootstrap", Kind::integer, "", 0, 10000, "200",
+      "Draws of a bootstrap over the seeds of each condition, for a second band; 0: none. Needs two seeds at "
+      "half of the conditions or more."},
      {"wall_disagreement", Kind::number, "", 0, 1, "0.1",
       "Steady points whose friction at the wall differs from the core's by more than this share are left "
       "out."},
@@ -71,9 +74,10 @@ inline const ParameterTable fit_table{
       "",
       -unbounded,
       unbounded,
-      "phi_relaxes",
-      "Law of dilation to fit to the start-ups.",
-      {"phi_relaxes", "none"}},
+      "best",
+      "Law of dilation to fit to the transients; best: phi_relaxes, unless two_sided or printed have an AICc "
+      "that is lower by 10.",
+      {"phi_relaxes", "two_sided", "printed", "none", "best"}},
      {"s_star_min", Kind::number, "", 1e-4, 1, "0.01", "Lower bound of the strain scale s*."},
      {"s_star_max", Kind::number, "", 0.1, 1e3, "20", "Upper bound of the strain scale s*."},
      {"bins", Kind::integer, "", 10, 400, "60",
@@ -92,6 +96,7 @@ struct FitOptions {
   bool robust = true;
   bool compare = true;
   bool profiles = true;
+  long bootstrap = 200;
   double wall_disagreement = 0.1;
   double mu_floor = 1e-3;
   double phi_floor = 5e-4;
@@ -100,7 +105,7 @@ struct FitOptions {
   double D_star_max = 10;
   double mu_max = 5;
   double b_max = 3;
-  bool dilation = true;
+  std::string dilation = "best";
   double s_star_min = 0.01;
   double s_star_max = 20;
   long bins = 60;
@@ -141,6 +146,14 @@ struct CrossValidation {
   double rms = 0, largest = 0;        ///< of |error|
 };
 
+/// The law fitted to runs drawn anew among the seeds of each condition (Efron 1979): what the spread over
+/// seeds alone makes of it, without any standard error of a run.
+struct Bootstrap {
+  long draws = 0;                              ///< 0: not made
+  std::vector<double> low, high;               ///< 95 % intervals of the parameters
+  std::vector<double> I, band_low, band_high;  ///< 95 % band of the law
+};
+
 /// One fitted law. `covariance` belongs to `parameters`, is scaled like their standard errors, and has rows
 /// of 0 for parameters at a bound.
 struct LawFit {
@@ -159,6 +172,7 @@ struct LawFit {
   double AICc = 0, BIC = 0;          ///< up to a constant that is the same for all members of a family
   CrossValidation cross_validation;  ///< leave one driven I out
   std::vector<Profile> profiles;
+  Bootstrap bootstrap;
   std::vector<std::string> downweighted;  ///< runs that are far off the law and count less
 
   /// Throws Error(bug) if there is none of that name.
@@ -180,9 +194,25 @@ struct SteadyDatum {
   double fitted = 0;
   double residual = 0;  ///< (value - fitted)/plain_se
   double p = 0;         ///< [Pa], for the residuals' page
+  long order = 0;       ///< place of the run in its observables, from 1
 };
 
-/// One start-up with the fitted evolution beside it, on the samples of the observables.
+/// How well the law of dilation describes the transients that differ by the seed alone, measured with the
+/// noise that the seeds show.
+struct TransientCheck {
+  std::string kind;
+  double I_before = 0, I_driven = 0, load_before = 0, load = 0, packing_friction = 0;
+  long seeds = 0;
+  double signal_to_noise = 0;  ///< of the mean trace: rms of phi about its mean over that of its noise
+  double chi2_per_dof = 0;
+  double explained = 0;  ///< share of the mean trace's variance above the noise
+  /// The same by the law fitted to all others, with no offset; phi_0 of each run is free.
+  bool predicted = false;
+  double predicted_chi2_per_dof = 0, predicted_explained = 0;
+  std::vector<double> s, phi, phi_fit;  ///< means over the seeds, in bins
+};
+
+/// One transient with the fitted evolution beside it, on the samples of the observables.
 struct TransientFit {
   std::string run;
   std::string kind;
@@ -203,8 +233,8 @@ struct Fit {
   LawFit friction;
   LawFit solid_fraction;
   /// Every member that could be fitted, the chosen one among them; without profiles.
-  std::vector<LawFit> friction_members, solid_fraction_members;
-  LawFit dilation;  ///< "phi_relaxes": s_star, or "none"
+  std::vector<LawFit> friction_members, solid_fraction_members, dilation_members;
+  LawFit dilation;  ///< "none" without transients
   std::vector<SteadyDatum> friction_data, solid_fraction_data;
   std::vector<TransientFit> transients;
   std::vector<ExcludedRun> excluded;
@@ -217,9 +247,12 @@ struct Fit {
   double s_star_error_least_squares = 0;
   double s_star_error_jackknife = 0;  ///< over runs; 0 with fewer than 3
   Estimate beta_in_mu;  ///< share of beta that shows in mu - mu_steady(I); no name if not measured
-  NoiseModel mu_noise;  ///< of mu in that regression
+  std::vector<Estimate> beta_in_mu_by_kind;  ///< named by the kind of transient
+  NoiseModel seed_noise;  ///< of phi, about the mean of a run's twins; strain_scale 0: too few twins
+  std::vector<TransientCheck> transient_checks;  ///< empty without seed_noise
+  NoiseModel mu_noise;                           ///< of mu in that regression
 
-  /// Of the parameters of friction, of solid fraction and, with dilation, s_star.
+  /// Of the parameters of friction, of solid fraction and of dilation.
   std::vector<std::string> covariance_names;
   std::vector<std::vector<double>> covariance;
 

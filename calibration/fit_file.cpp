@@ -61,6 +61,13 @@ json law_to_json(const LawFit& law) {
             {"largest", law.cross_validation.largest},
             {"conditions", conditions}}},
           {"profiles", profiles},
+          {"bootstrap",
+           {{"draws", law.bootstrap.draws},
+            {"low", law.bootstrap.low},
+            {"high", law.bootstrap.high},
+            {"I", law.bootstrap.I},
+            {"band_low", law.bootstrap.band_low},
+            {"band_high", law.bootstrap.band_high}}},
           {"downweighted", law.downweighted},
           {"search",
            {{"starts", search.starts},
@@ -75,6 +82,29 @@ json law_to_json(const LawFit& law) {
 json members_to_json(const std::vector<LawFit>& members) {
   json list = json::array();
   for (const LawFit& law : members) list.push_back(law_to_json(law));
+  return list;
+}
+
+json checks_to_json(const std::vector<TransientCheck>& checks) {
+  json list = json::array();
+  for (const TransientCheck& c : checks) {
+    list.push_back({{"kind", c.kind},
+                    {"I_before", c.I_before},
+                    {"I_driven", c.I_driven},
+                    {"load_before", c.load_before},
+                    {"load", c.load},
+                    {"packing_friction", c.packing_friction},
+                    {"seeds", c.seeds},
+                    {"signal_to_noise", c.signal_to_noise},
+                    {"chi2_per_dof", c.chi2_per_dof},
+                    {"explained", c.explained},
+                    {"s", c.s},
+                    {"phi", c.phi},
+                    {"phi_fit", c.phi_fit}});
+    if (c.predicted)
+      list.back()["left_out"] = {{"chi2_per_dof", c.predicted_chi2_per_dof},
+                                 {"explained", c.predicted_explained}};
+  }
   return list;
 }
 
@@ -133,6 +163,7 @@ FitOptions FitOptions::from(const Section& section) {
   o.robust = section.flag("robust");
   o.compare = section.flag("compare");
   o.profiles = section.flag("profiles");
+  o.bootstrap = section.integer("bootstrap");
   o.friction_I_max = section.number("friction_I_max");
   o.phi_I_max = section.number("phi_I_max");
   o.wall_disagreement = section.number("wall_disagreement");
@@ -143,7 +174,7 @@ FitOptions FitOptions::from(const Section& section) {
   o.D_star_max = section.number("D_star_max");
   o.mu_max = section.number("mu_max");
   o.b_max = section.number("b_max");
-  o.dilation = section.word("dilation") == "phi_relaxes";
+  o.dilation = section.word("dilation");
   o.s_star_min = section.number("s_star_min");
   o.s_star_max = section.number("s_star_max");
   o.bins = section.integer("bins");
@@ -203,6 +234,10 @@ LawFile make_law_file(const Fit& fit, std::span<const std::filesystem::path> obs
   law.friction = fitted_law(fit.friction);
   law.solid_fraction = fitted_law(fit.solid_fraction);
   law.dilation = fitted_law(fit.dilation);
+  const Estimate& share = fit.beta_in_mu;
+  if (!share.name.empty())  // a share below 0 is 0 within its error, or a warning says that it is not
+    law.dilation.parameters.push_back(
+        {"beta_share", std::max(0.0, share.value), share.standard_error, "1", false});
   law.covariance_names = fit.covariance_names;
   law.covariance = fit.covariance;
   law.I = fit.I;
@@ -246,6 +281,7 @@ json to_json(const Fit& fit, std::span<const std::filesystem::path> observables)
               {"dilation", law_to_json(fit.dilation)},
               {"friction_members", members_to_json(fit.friction_members)},
               {"solid_fraction_members", members_to_json(fit.solid_fraction_members)},
+              {"dilation_members", members_to_json(fit.dilation_members)},
               {"slope", fit.slope.name.empty() ? json(nullptr) : estimate_to_json(fit.slope)},
               {"mu_h_and_D_star_known", fit.mu_h_and_D_star_known},
               {"covariance", {{"names", fit.covariance_names}, {"matrix", fit.covariance}}},
@@ -265,6 +301,7 @@ json to_json(const Fit& fit, std::span<const std::filesystem::path> observables)
                 {"robust", o.robust},
                 {"compare", o.compare},
                 {"profiles", o.profiles},
+                {"bootstrap", o.bootstrap},
                 {"friction_I_max", o.friction_I_max},
                 {"phi_I_max", o.phi_I_max},
                 {"wall_disagreement", o.wall_disagreement},
@@ -275,7 +312,7 @@ json to_json(const Fit& fit, std::span<const std::filesystem::path> observables)
                 {"D_star_max", o.D_star_max},
                 {"mu_max", o.mu_max},
                 {"b_max", o.b_max},
-                {"dilation", o.dilation ? "phi_relaxes" : "none"},
+                {"dilation", o.dilation},
                 {"s_star_min", o.s_star_min},
                 {"s_star_max", o.s_star_max},
                 {"bins", o.bins},
@@ -288,9 +325,15 @@ json to_json(const Fit& fit, std::span<const std::filesystem::path> observables)
                                {"whitened_autocorrelation", fit.whitened_autocorrelation},
                                {"s_star_error_least_squares", fit.s_star_error_least_squares},
                                {"s_star_error_jackknife", fit.s_star_error_jackknife}};
-  if (!fit.beta_in_mu.name.empty())
+  if (fit.seed_noise.strain_scale > 0) out["transient_errors"]["seed_noise"] = noise_to_json(fit.seed_noise);
+  if (!fit.transient_checks.empty()) out["transient_checks"] = checks_to_json(fit.transient_checks);
+  if (!fit.beta_in_mu.name.empty()) {
+    json by_kind = json::array();
+    for (const Estimate& e : fit.beta_in_mu_by_kind) by_kind.push_back(estimate_to_json(e));
     out["beta_in_mu"] = {{"share", estimate_to_json(fit.beta_in_mu)},
+                         {"by_kind", by_kind},
                          {"mu_noise", noise_to_json(fit.mu_noise)}};
+  }
   return out;
 }
 

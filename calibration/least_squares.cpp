@@ -90,8 +90,7 @@ class Solver {
     ceres::Solver::Options options;
     options.linear_solver_type = ceres::DENSE_QR;
     options.max_num_iterations = problem_.iterations;
-    // As tight as rounding allows: what a solve costs is nothing beside what the data cost.
-    options.function_tolerance = 1e-15;
+    options.function_tolerance = problem_.tolerance;
     options.gradient_tolerance = 1e-14;
     options.parameter_tolerance = 1e-13;
     options.logging_type = ceres::SILENT;
@@ -251,10 +250,8 @@ LeastSquaresResult solve_least_squares(const LeastSquaresProblem& problem,
   if (result.converged == 0)
     throw IdentifiabilityError(fmt::format("{}: none of {} starts converged; the last one ended with {}",
                                            problem.name, result.starts, why_not));
-  // A change of chi2 by 1 is one standard error, one by 0.001 is 0.03 of it: the same minimum for all that it
-  // matters.
   for (double value : chi2)
-    if (value <= best + 1e-3) ++result.agreed;
+    if (value <= best + problem.agreement) ++result.agreed;
 
   // A parameter at its bound has no error: fix it and solve the rest again, until no other one arrives at a
   // bound. Ceres projects onto the bounds, so such a value equals its bound but for rounding.
@@ -554,22 +551,258 @@ SteadySolidFraction solid_fraction_at(const SteadyModel& model, std::span<const 
 // Transients
 // ---------------------------------------------------------------------------------------------------------------------
 
-TransientSolution relax_phi(std::span<const double> s, std::span<const double> phi_eq,
-                            std::span<const double> phi_eq_step, double log_s_star, double offset,
-                            double phi_0) {
-  using Jet = ceres::Jet<double, 3>;
-  const Jet s_star = exp(Jet(log_s_star, 0));
-  const Jet moved(offset, 1);
-  Jet phi(phi_0, 2);
-  TransientSolution solution;
-  for (std::size_t i = 0; i < s.size(); ++i) {
-    const double ds = i == 0 ? s[0] : s[i] - s[i - 1];
-    phi = relax_solid_fraction(phi, moved + phi_eq_step[i], ds / s_star);
-    solution.phi.push_back(phi.a);
-    solution.phi_by_coordinate.emplace_back(phi.v.data(), phi.v.data() + 3);
-    solution.beta.push_back(dilation_rate(phi.a, phi_eq[i] + offset, s_star.a));
+namespace {
+
+// What a member carries beside phi: only the printed form has a state of its own, beta.
+template <class J>
+struct Flowing {
+  J phi, beta;
+};
+
+struct OneScale {
+  static constexpr std::size_t count = 1;
+  static constexpr const char* name = "phi_relaxes";
+  static std::vector<std::string> parameters() { return {"s_star"}; }
+  static std::vector<Coordinate> coordinates(double low, double high) {
+    return {logarithm("s_star", low, high)};
   }
-  return solution;
+  static std::array<double, 1> start() { return {std::log(0.4)}; }
+  template <class J>
+  static std::array<J, 1> natural(const std::array<J, 1>& x) {
+    return {exp(x[0])};
+  }
+  template <class J>
+  static J first_beta(const std::array<J, 1>&, const J&, const J&, bool) {
+    return J(0.0);
+  }
+  template <class J>
+  static void advance(const std::array<J, 1>& p, Flowing<J>& state, const J& eq, const J&, const J&,
+                      double ds) {
+    state.phi = relax_solid_fraction(state.phi, eq, ds / p[0]);
+  }
+  template <class J>
+  static J beta(const std::array<J, 1>& p, const Flowing<J>& state, const J& eq) {
+    return dilation_rate(state.phi, eq, p[0]);
+  }
+};
+
+struct TwoSided {
+  static constexpr std::size_t count = 2;
+  static constexpr const char* name = "two_sided";
+  static std::vector<std::string> parameters() { return {"s_star", "s_star_compacting"}; }
+  static std::vector<Coordinate> coordinates(double low, double high) {
+    return {logarithm("s_star", low, high), logarithm("s_star_compacting", low, high)};
+  }
+  static std::array<double, 2> start() { return {std::log(0.4), std::log(0.2)}; }
+  template <class J>
+  static std::array<J, 2> natural(const std::array<J, 2>& x) {
+    return {exp(x[0]), exp(x[1])};
+  }
+  template <class J>
+  static J first_beta(const std::array<J, 2>&, const J&, const J&, bool) {
+    return J(0.0);
+  }
+  template <class J>
+  static void advance(const std::array<J, 2>& p, Flowing<J>& state, const J& eq, const J&, const J&,
+                      double ds) {
+    state.phi = relax_solid_fraction(state.phi, eq, ds / strain_scale(state.phi, eq, p[0], p[1]));
+  }
+  template <class J>
+  static J beta(const std::array<J, 2>& p, const Flowing<J>& state, const J& eq) {
+    return dilation_rate(state.phi, eq, strain_scale(state.phi, eq, p[0], p[1]));
+  }
+};
+
+struct Printed {
+  static constexpr std::size_t count = 2;
+  static constexpr const char* name = "printed";
+  static constexpr double largest_gain = 10;
+  static std::vector<std::string> parameters() { return {"s_star", "gain"}; }
+  static std::vector<Coordinate> coordinates(double low, double high) {
+    return {logarithm("s_star", low, high), {"gain", 0, largest_gain}};
+  }
+  static std::array<double, 2> start() { return {std::log(0.4), 1}; }
+  template <class J>
+  static std::array<J, 2> natural(const std::array<J, 2>& x) {
+    return {exp(x[0]), x[1]};
+  }
+  // The source of a sudden change of I is a jump of beta by the gain times (phi - phi_eq)/(phi s*), with phi
+  // that of the steady flow before it. A packing that never flowed starts with the whole.
+  template <class J>
+  static J first_beta(const std::array<J, 2>& p, const J& phi_0, const J& eq, bool from_steady_flow) {
+    const J whole = dilation_rate(phi_0, eq, p[0]);
+    return from_steady_flow ? J(p[1] * whole) : whole;
+  }
+  template <class J>
+  static void advance(const std::array<J, 2>& p, Flowing<J>& state, const J&, const J& before, const J& now,
+                      double ds) {
+    const J jump = p[1] * (before - now) / (before * p[0]);
+    const J beta = relax_dilation_rate_ramp(state.beta, jump, ds / p[0]);
+    // d(beta) = -beta ds/s* + S ds, summed up: the integral of beta.
+    state.phi *= exp(-(p[0] * (state.beta - beta + jump)));
+    state.beta = beta;
+  }
+  template <class J>
+  static J beta(const std::array<J, 2>&, const Flowing<J>& state, const J&) {
+    return state.beta;
+  }
+};
+
+struct Dilatancy {
+  static constexpr std::size_t count = 1;
+  static constexpr const char* name = "dilatancy";
+  static std::vector<std::string> parameters() { return {"K"}; }
+  static std::vector<Coordinate> coordinates(double low, double high) {
+    // Near phi_eq, K is 1/(phi_eq s*), and phi_eq lies between 0.4 and 0.74.
+    return {logarithm("K", 1 / high, 3 / low)};
+  }
+  static std::array<double, 1> start() { return {std::log(4.0)}; }
+  template <class J>
+  static std::array<J, 1> natural(const std::array<J, 1>& x) {
+    return {exp(x[0])};
+  }
+  template <class J>
+  static J first_beta(const std::array<J, 1>&, const J&, const J&, bool) {
+    return J(0.0);
+  }
+  // d(phi)/ds = -K phi (phi - eq), logistic: 1 - eq/phi decays like exp(-K eq s).
+  template <class J>
+  static void advance(const std::array<J, 1>& p, Flowing<J>& state, const J& eq, const J&, const J&,
+                      double ds) {
+    state.phi = eq / (1.0 - (1.0 - eq / state.phi) * exp(-(p[0] * eq * ds)));
+  }
+  template <class J>
+  static J beta(const std::array<J, 1>& p, const Flowing<J>& state, const J& eq) {
+    return p[0] * (state.phi - eq);
+  }
+};
+
+struct ConstantDilation {
+  static constexpr std::size_t count = 1;
+  static constexpr const char* name = "constant";
+  static std::vector<std::string> parameters() { return {"beta"}; }
+  static std::vector<Coordinate> coordinates(double, double) { return {{"beta", -10, 10}}; }
+  static std::array<double, 1> start() { return {0}; }
+  template <class J>
+  static std::array<J, 1> natural(const std::array<J, 1>& x) {
+    return x;
+  }
+  template <class J>
+  static J first_beta(const std::array<J, 1>&, const J&, const J&, bool) {
+    return J(0.0);
+  }
+  template <class J>
+  static void advance(const std::array<J, 1>& p, Flowing<J>& state, const J&, const J&, const J&, double ds) {
+    state.phi *= exp(-(p[0] * ds));
+  }
+  template <class J>
+  static J beta(const std::array<J, 1>& p, const Flowing<J>&, const J&) {
+    return p[0];
+  }
+};
+
+struct NoChange {
+  static constexpr std::size_t count = 0;
+  static constexpr const char* name = "none";
+  static std::vector<std::string> parameters() { return {}; }
+  static std::vector<Coordinate> coordinates(double, double) { return {}; }
+  static std::array<double, 0> start() { return {}; }
+  template <class J>
+  static std::array<J, 0> natural(const std::array<J, 0>& x) {
+    return x;
+  }
+  template <class J>
+  static J first_beta(const std::array<J, 0>&, const J&, const J&, bool) {
+    return J(0.0);
+  }
+  template <class J>
+  static void advance(const std::array<J, 0>&, Flowing<J>&, const J&, const J&, const J&, double) {}
+  template <class J>
+  static J beta(const std::array<J, 0>&, const Flowing<J>&, const J&) {
+    return J(0.0);
+  }
+};
+
+template <class Member>
+class DilationModelOf final : public DilationModel {
+  static constexpr std::size_t N = Member::count;
+  static constexpr int all = static_cast<int>(N) + 2;  // with the offset and phi_0
+  using Jet = ceres::Jet<double, all>;
+
+ public:
+  DilationModelOf(double s_star_min, double s_star_max)
+      : parameters_(Member::parameters()), coordinates_(Member::coordinates(s_star_min, s_star_max)) {}
+  std::string name() const override { return Member::name; }
+  const std::vector<std::string>& parameters() const override { return parameters_; }
+  const std::vector<Coordinate>& coordinates() const override { return coordinates_; }
+  NaturalParameters natural(std::span<const double> x) const override {
+    NaturalParameters result;
+    for (const Jet& p : natural_jets(x)) {
+      result.values.push_back(p.a);
+      result.by_coordinate.emplace_back(p.v.data(), p.v.data() + N);
+    }
+    return result;
+  }
+  std::vector<double> start() const override {
+    const std::array<double, N> x = Member::start();
+    std::vector<double> inside;
+    for (std::size_t k = 0; k < N; ++k)
+      inside.push_back(std::clamp(x[k], coordinates_[k].lower, coordinates_[k].upper));
+    return inside;
+  }
+  TransientSolution evaluate(const TransientInput& t, std::span<const double> x, double offset, double phi_0,
+                             bool with_beta) const override {
+    const std::array<Jet, N> p = natural_jets(x);
+    const Jet moved(offset, static_cast<int>(N));
+    Flowing<Jet> state{Jet(phi_0, static_cast<int>(N) + 1), Jet(0.0)};
+    Jet before = moved + t.phi_eq[0];  // the change has happened when the strain begins
+    state.beta = Member::first_beta(p, state.phi, before, t.from_steady_flow);
+    TransientSolution solution;
+    const std::size_t n = t.s.size();
+    solution.phi.resize(n);
+    solution.phi_by.resize(static_cast<Eigen::Index>(n), all);
+    if (with_beta) {
+      solution.beta.resize(n);
+      solution.beta_by.resize(static_cast<Eigen::Index>(n), all);
+    }
+    for (std::size_t i = 0; i < n; ++i) {
+      const auto row = static_cast<Eigen::Index>(i);
+      const Jet now = moved + t.phi_eq[i];
+      Member::advance(p, state, moved + t.phi_eq_step[i], before, now, i == 0 ? t.s[0] : t.s[i] - t.s[i - 1]);
+      solution.phi[i] = state.phi.a;
+      solution.phi_by.row(row) = state.phi.v.transpose();
+      if (with_beta) {
+        const Jet beta = Member::beta(p, state, now);
+        solution.beta[i] = beta.a;
+        solution.beta_by.row(row) = beta.v.transpose();
+      }
+      before = now;
+    }
+    return solution;
+  }
+
+ private:
+  static std::array<Jet, N> natural_jets(std::span<const double> x) {
+    std::array<Jet, N> seeded;
+    for (std::size_t k = 0; k < N; ++k) seeded[k] = Jet(x[k], static_cast<int>(k));
+    return Member::natural(seeded);
+  }
+  std::vector<std::string> parameters_;
+  std::vector<Coordinate> coordinates_;
+};
+
+}  // namespace
+
+std::unique_ptr<DilationModel> dilation_model(const std::string& member, double s_star_min,
+                                              double s_star_max) {
+  std::unique_ptr<DilationModel> model;
+  const auto consider = [&]<class Member>(Member) {
+    if (member == Member::name) model = std::make_unique<DilationModelOf<Member>>(s_star_min, s_star_max);
+  };
+  consider(OneScale{}), consider(TwoSided{}), consider(Printed{});
+  consider(Dilatancy{}), consider(ConstantDilation{}), consider(NoChange{});
+  if (model == nullptr) throw std::logic_error("no law of dilation \"" + member + "\" can be fitted");
+  return model;
 }
 
 Matrix propagate(const Matrix& to, const Matrix& covariance) {

@@ -38,6 +38,12 @@ struct LeastSquaresProblem {
   std::vector<LeastSquaresParameter> parameters;
   std::vector<ResidualBlock> blocks;
   int iterations = 500;  ///< limit of a single start
+  /// A search ends when chi2 falls by less than this share of it. As tight as rounding allows, unless the
+  /// model has kinks, on which a search would go on forever for nothing.
+  double tolerance = 1e-15;
+  /// Starts that end at chi2 within this of the best have agreed: 1 is one standard error, 0.001 is 0.03 of
+  /// it.
+  double agreement = 1e-3;
 };
 
 struct LeastSquaresResult {

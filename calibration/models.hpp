@@ -5,6 +5,7 @@
 // fit can make mu_h smaller than mu_l or D* negative. natural() leads back to mu_l, mu_h, D*.
 #pragma once
 
+#include <Eigen/Core>
 #include <memory>
 #include <span>
 #include <string>
@@ -68,18 +69,44 @@ std::unique_ptr<SteadyModel> solid_fraction_model(const std::string& member, con
 /// The law itself.
 SteadySolidFraction solid_fraction_at(const SteadyModel& model, std::span<const double> coordinates);
 
-/// phi at the samples of a transient, and its derivatives by the coordinates (one row a sample).
-struct TransientSolution {
-  std::vector<double> phi, beta;
-  Matrix phi_by_coordinate;
+/// A transient as a law of dilation sees it: at each sample the strain, and the steady law phi_eq at its I;
+/// `phi_eq_step` is that at the mean I of the step that leads to the sample.
+struct TransientInput {
+  std::span<const double> s, phi_eq, phi_eq_step;
+  bool from_steady_flow = false;  ///< a jump; a start-up begins with a packing that never flowed
 };
 
-/// phi and beta of one transient as Eq. 5.22 closes it, d(phi)/ds = -(phi - phi_eq)/s*, beta = (1 -
-/// phi_eq/phi)/s*: exact where I is constant between samples. `phi_eq` is that of the steady law at the
-/// samples' I, of their mean for the step that leads to each sample (`phi_eq_step`), both moved by `offset`.
-/// Derivatives by ln s*, offset and phi_0.
-TransientSolution relax_phi(std::span<const double> s, std::span<const double> phi_eq,
-                            std::span<const double> phi_eq_step, double log_s_star, double offset,
-                            double phi_0);
+/// phi and beta at the samples, and their derivatives, one row a sample: by the coordinates, by an offset of
+/// phi_eq, by phi_0.
+struct TransientSolution {
+  using Derivatives = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  std::vector<double> phi, beta;
+  Derivatives phi_by, beta_by;
+};
+
+/// A law of dilation: how phi goes from phi_0 at s = 0 towards phi_eq + offset.
+class DilationModel {
+ public:
+  virtual ~DilationModel() = default;
+  virtual std::string name() const = 0;
+  virtual const std::vector<std::string>& parameters() const = 0;
+  virtual const std::vector<Coordinate>& coordinates() const = 0;
+  virtual NaturalParameters natural(std::span<const double> coordinates) const = 0;
+  virtual std::vector<double> start() const = 0;
+  virtual TransientSolution evaluate(const TransientInput& transient, std::span<const double> coordinates,
+                                     double offset, double phi_0, bool with_beta = true) const = 0;
+};
+
+/// The members, with s* between the bounds:
+///   phi_relaxes {s_star}                     d(phi)/ds = -(phi - phi_eq)/s*: Eq. 5.22 closed from DEM
+///   two_sided   {s_star, s_star_compacting}  the same, with another scale where phi < phi_eq
+///   printed     {s_star, gain}               Eq. 5.22 with beta as the state and a source that is A times
+///                                            that of phi_relaxes
+///   dilatancy   {K}                          beta = K (phi - phi_eq), of phi alone (Roux and Radjai 1998)
+///   constant    {beta}                       the same beta always
+///   none        {}                           phi stays
+/// Throws std::logic_error for another name.
+std::unique_ptr<DilationModel> dilation_model(const std::string& member, double s_star_min,
+                                              double s_star_max);
 
 }  // namespace dem2sph

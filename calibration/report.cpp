@@ -1,6 +1,7 @@
 #include "calibration/report.hpp"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <cmath>
@@ -103,7 +104,13 @@ std::string equation(const std::string& member) {
       {"friction barker_gray_2017", "Barker and Gray (2017)"},
       {"phi linear", "&phi;<sub>c</sub> - b I"},
       {"phi power", "&phi;<sub>c</sub> - a I<sup>n</sup>"},
-      {"phi rational", "&phi;<sub>c</sub> - b I/(1 + I/I<sub>&phi;</sub>)"}};
+      {"phi rational", "&phi;<sub>c</sub> - b I/(1 + I/I<sub>&phi;</sub>)"},
+      {"dilation phi_relaxes", "d&phi;/ds = -(&phi; - &phi;<sub>eq</sub>)/s*"},
+      {"dilation two_sided", "the same, another s* where &phi; &lt; &phi;<sub>eq</sub>"},
+      {"dilation printed", "d&beta;/ds = -&beta;/s* + A S"},
+      {"dilation dilatancy", "&beta; = K (&phi; - &phi;<sub>eq</sub>)"},
+      {"dilation constant", "&beta; constant"},
+      {"dilation none", "&phi; stays"}};
   return equations.at(member);
 }
 
@@ -130,7 +137,7 @@ std::string members_html(const std::vector<LawFit>& members, const std::string& 
         name, equation(family + " " + law.member), law.chi2_per_dof,
         std::isfinite(law.AICc) ? fmt::format("{:.1f}", law.AICc - best) : "too few data", law.BIC,
         law.cross_validation.conditions.empty()
-            ? "too few"
+            ? (family == "dilation" ? "below" : "too few")
             : fmt::format("{:.2f} % ({:.2f} %)", 100 * law.cross_validation.rms,
                           100 * law.cross_validation.largest),
         escape_html(list_of(law)));
@@ -154,35 +161,69 @@ std::string steady_html(const ReportInputs& in) {
                             "and thin dashed line as above.",
                             equation("phi " + fit.solid_fraction.member),
                             fit_quality(fit.solid_fraction, fit.solid_fraction_data.size()))) +
-         members_html(fit.solid_fraction_members, "phi", fit.solid_fraction);
+         members_html(fit.solid_fraction_members, "phi", fit.solid_fraction) +
+         figure(figure_residuals(fit),
+                "What the laws leave, in standard errors: a law that fits shows no trend on any axis.");
+}
+
+std::string checks_html(const std::vector<TransientCheck>& checks) {
+  if (checks.empty())
+    return "<p class=\"note\">Too few twins (runs that differ by the seed alone) to measure the noise of "
+           "&phi; "
+           "without the law: nothing checks the law against it.</p>\n";
+  std::string text =
+      "<p>Each kind of change against the noise that its seeds show, by the law fitted to all and by the law "
+      "fitted to all <em>others</em>:</p>\n<div class=\"scroll\"><table>\n<tr><th>Change</th><th "
+      "class=\"n\">I</th><th class=\"n\">packed with friction</th><th class=\"n\">seeds</th><th "
+      "class=\"n\">signal/noise</th><th class=\"n\">&chi;&sup2;/dof</th><th class=\"n\">explained</th><th "
+      "class=\"n\">left out: &chi;&sup2;/dof</th><th class=\"n\">explained</th></tr>\n";
+  for (const TransientCheck& c : checks) {
+    const auto share = [&](double explained) {
+      // Of a signal below its noise nothing can be explained.
+      return c.signal_to_noise < 1 ? std::string("no signal") : fmt::format("{:.0f} %", 100 * explained);
+    };
+    text += fmt::format(
+        "<tr><td>{}</td><td class=\"n\">{}{:g}</td><td class=\"n\">{:g}</td><td class=\"n\">{}</td><td "
+        "class=\"n\">{:.1f}</td><td class=\"n\">{:.2f}</td><td class=\"n\">{}</td><td class=\"n\">{}</td><td "
+        "class=\"n\">{}</td></tr>\n",
+        escape_html(c.kind), c.I_before > 0 ? fmt::format("{:g} to ", c.I_before) : "", c.I_driven,
+        c.packing_friction, c.seeds, c.signal_to_noise, c.chi2_per_dof, share(c.explained),
+        c.predicted ? fmt::format("{:.2f}", c.predicted_chi2_per_dof) : "not told by the others",
+        c.predicted ? share(c.predicted_explained) : "");
+  }
+  return text + "</table></div>\n";
 }
 
 std::string transients_html(const ReportInputs& in) {
   const Fit& fit = in.fit;
   if (fit.transients.empty())
-    return "<p>No start-ups were fitted, so the law has no dilation and &beta; is not predicted.</p>\n";
-  std::string explained;
-  for (const TransientFit& t : fit.transients)
-    explained += fmt::format("{}{:.1f} %", explained.empty() ? "" : ", ", 100 * t.explained);
-  std::string text = figure(
+    return "<p>No transients were fitted, so the law has no dilation and &beta; is not predicted.</p>\n";
+  std::string explained;  // of each run, where there are few and no groups to look at
+  if (fit.transient_checks.empty()) {
+    std::vector<std::string> shares;
+    for (const TransientFit& t : fit.transients) shares.push_back(fmt::format("{:.1f} %", 100 * t.explained));
+    explained = fmt::format(" Share of the variance explained: {}.", fmt::join(shares, ", "));
+  }
+  std::string text = members_html(fit.dilation_members, "dilation", fit.dilation);
+  text += checks_html(fit.transient_checks);
+  text += figure(
       figure_transient_phi(fit),
       fmt::format(
-          "Solid fraction of {} start-up{}. The line is the state &phi; integrated with the measured I, "
-          "d&phi;/ds = -(&phi; - &phi;<sub>eq</sub>(I))/s*, with one s* = {} for all; the first &phi; of "
-          "each run and an offset "
-          "of each condition are free. Share of the variance explained: {}.",
-          fit.transients.size(), fit.transients.size() == 1 ? "" : "s", plus_minus(fit.dilation["s_star"]),
-          explained));
+          "Solid fraction of {} transient{}. The line is &phi; integrated with the measured I by the {} law, "
+          "one "
+          "for all: {}; the first &phi; of each run and an offset of each condition are free.{}",
+          fit.transients.size(), fit.transients.size() == 1 ? "" : "s", fit.dilation.member,
+          list_of(fit.dilation), explained));
   text += figure(figure_transient_beta(fit),
                  "Dilation rate &beta; = tr D/|&gamma;&#775;|: measured from the velocity field, and "
                  "predicted from the fitted &phi;(s) as "
-                 "(1 - &phi;<sub>eq</sub>/&phi;)/s*. The measured &beta; did not enter the fit.");
+                 "the law says. The measured &beta; did not enter the fit.");
   if (!fit.beta_in_mu.name.empty())
     text += figure(figure_transient_mu(fit),
-                   fmt::format("Excess of friction over the steady law in the same start-ups. A share of {} "
+                   fmt::format("Excess of friction over the steady law in the same transients. A share of {} "
                                "of &beta; shows in &mu; (95 % "
-                               "interval {:.2f} to {:.2f}, from s = {:g} on, where contacts are loaded); the "
-                               "law assumes 1. A constant of "
+                               "interval {:.2f} to {:.2f}, from s = {:g} on, where contacts are loaded), and "
+                               "that is what the law lets enter. A constant of "
                                "each condition, which the regression allows, is not drawn.",
                                plus_minus(fit.beta_in_mu), fit.beta_in_mu.low, fit.beta_in_mu.high,
                                fit.options.mu_from_strain));
@@ -219,6 +260,12 @@ std::string parameters_html(const ReportInputs& in) {
       "normal one with the errors of the data and Student's with the scatter about the fit.</p>\n",
       fit.d, fit.rho_s, fit.grain_friction, fit.I.lowest, fit.I.highest, fit.phi.lowest, fit.phi.highest,
       fit.s.highest, fit.p.lowest, fit.p.highest);
+  if (!fit.friction.profiles.empty())
+    text += figure(
+        figure_likelihoods(fit),
+        "How much worse the fit becomes when one parameter is held elsewhere and all others are fitted "
+        "again. Where the curve leaves the parabola, the interval is not symmetric; where it stays low, "
+        "the parameter is open.");
   const std::size_t n = fit.covariance_names.size();
   text += "<p>Correlation of the errors:</p>\n<div class=\"scroll\"><table class=\"matrix\">\n<tr><th></th>";
   for (const std::string& name : fit.covariance_names) text += fmt::format("<th>{}</th>", symbol(name));

@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 #include <fstream>
+#include <map>
 #include <sstream>
 
 #include "sph/base/errors.hpp"
@@ -61,6 +62,7 @@ struct Steady {
   const std::vector<SteadyDatum>& data;
   std::string reference_label;
   const char* key;
+  const Bootstrap& bootstrap;
 };
 
 // Shared by friction and solid fraction: band, law, reference, points with errors, data range shaded.
@@ -89,10 +91,20 @@ std::string steady_figure(const char* name, const Steady& what, const Predict& p
       bottom = std::min({bottom, p.value, reference(I)}), top = std::max({top, p.value, reference(I)});
   }
   const double margin = 0.15 * (top - bottom);
+  std::string seeds;
+  if (what.bootstrap.draws > 0)
+    seeds =
+        "$seeds using 1:2 with lines lc rgb '#D55E00' lw 1 dt (3,3) title '95 % band by bootstrap over "
+        "seeds', "
+        "$seeds using 1:3 with lines lc rgb '#D55E00' lw 1 dt (3,3) notitle, ";
+  std::string draws;
+  for (std::size_t k = 0; k < what.bootstrap.I.size(); ++k)
+    draws += fmt::format("{:.9g} {:.9g} {:.9g}\n", what.bootstrap.I[k], what.bootstrap.band_low[k],
+                         what.bootstrap.band_high[k]);
   return render_svg(
       name,
       style() + block("band", band) + block("law", ours) + block("reference", theirs) +
-          block("points", points) +
+          block("points", points) + block("seeds", draws) +
           fmt::format("set logscale x\nset format x '10^{{%L}}'\nset xrange [{:.6g}:{:.6g}]\nset yrange "
                       "[{:.6g}:{:.6g}]\n",
                       left, right, bottom - margin, top + margin) +
@@ -101,12 +113,13 @@ std::string steady_figure(const char* name, const Steady& what, const Predict& p
                       low, high) +
           fmt::format("set key {}\nset xlabel 'inertial number I'\nset ylabel '{}'\n", what.key,
                       what.symbol) +
-          fmt::format("plot $band using 1:2:3 with filledcurves lc rgb '{0}' title '95 % band', "
-                      "$reference with lines lc rgb '#7c8794' lw 1.2 dt (6,5) title {1}, "
-                      "$law with lines lc rgb '{0}' lw 2.2 title 'fitted law', "
-                      "$points using 1:2:3:4 with xyerrorbars lc rgb '#1d2733' pt 7 ps 0.55 lw 1.2 title "
-                      "'LIGGGHTS, one standard error'\n",
-                      colour(0), quoted(what.reference_label)),
+          fmt::format(
+              "plot $band using 1:2:3 with filledcurves lc rgb '{0}' title '95 % band, delta method', "
+              "{2}$reference with lines lc rgb '#7c8794' lw 1.2 dt (6,5) title {1}, "
+              "$law with lines lc rgb '{0}' lw 2.2 title 'fitted law', "
+              "$points using 1:2:3:4 with xyerrorbars lc rgb '#1d2733' pt 7 ps 0.55 lw 1.2 title "
+              "'LIGGGHTS, one standard error'\n",
+              colour(0), quoted(what.reference_label), seeds),
       720, 420);
 }
 
@@ -134,8 +147,8 @@ std::string transient_figure(const char* name, const std::vector<Curve>& curves,
         fmt::format("{}$points{} with points pt 7 ps 0.3 lc rgb '{}' notitle", k ? ", " : "", k, colour(k));
   }
   for (std::size_t k = 0; k < curves.size(); ++k) {
-    // A legend of more than eight lines would hide what it explains.
-    const std::string title = curves.size() <= 8 ? "title " + quoted(curves[k].label) : "notitle";
+    // A legend of more than a dozen lines would hide what it explains.
+    const std::string title = curves.size() <= 12 ? "title " + quoted(curves[k].label) : "notitle";
     plot += fmt::format(", $fit{} with lines lw 2.2 lc rgb '{}' {}", k, colour(k), title);
   }
   // The inner 96 % of the points decide the range together with the fit: single spikes do not.
@@ -149,6 +162,13 @@ std::string transient_figure(const char* name, const std::vector<Curve>& curves,
       bottom - margin, top + margin, symbol);
   script += fmt::format("set label 1 {} at graph 1,1.04 right textcolor rgb '#5b6876'\n", quoted(fitted));
   return render_svg(name, script + plot + "\n", 720, 400);
+}
+
+std::string group_label(const TransientCheck& c) {
+  if (c.kind == "start_up")
+    return fmt::format("start-up to {:g}, packed with friction {:g}", c.I_driven, c.packing_friction);
+  return fmt::format("{} {:g} to {:g}", c.kind == "pressure_jump" ? "pressure jump" : c.kind, c.I_before,
+                     c.I_driven);
 }
 
 std::string run_label(const TransientFit& t) {
@@ -251,19 +271,81 @@ FlowSummary read_flow_summary(const ReportFlow& flow) {
 std::string figure_friction(const Fit& fit) {
   const ReferenceLaw reference = glass_beads_2006();
   return steady_figure(
-      "friction", {"friction μ", fit.friction_data, reference.label, "top left"},
+      "friction", {"friction μ", fit.friction_data, reference.label, "top left", fit.friction.bootstrap},
       [&](double I) { return predict_friction(fit, I); }, reference.friction);
 }
 
 std::string figure_solid_fraction(const Fit& fit) {
   const ReferenceLaw reference = glass_beads_2006();
   return steady_figure(
-      "solid", {"solid fraction φ", fit.solid_fraction_data, reference.label, "bottom left"},
+      "solid",
+      {"solid fraction φ", fit.solid_fraction_data, reference.label, "bottom left",
+       fit.solid_fraction.bootstrap},
       [&](double I) { return predict_solid_fraction(fit, I); }, reference.solid_fraction);
+}
+
+std::string figure_residuals(const Fit& fit) {
+  std::string script = style();
+  std::map<std::string, double> phi;
+  for (const SteadyDatum& d : fit.solid_fraction_data) phi[d.run] = d.value;
+  for (const auto& [name, data] : {std::pair{"mu", &fit.friction_data}, {"phi", &fit.solid_fraction_data}}) {
+    std::string text;
+    for (std::size_t k = 0; k < data->size(); ++k) {
+      const SteadyDatum& d = (*data)[k];
+      const auto at = phi.find(d.run);  // a point may have been left out of the fit of phi
+      text += fmt::format("{:.9g} {:.9g} {} {} {:.9g}\n", d.I, d.p,
+                          at == phi.end() ? "NaN" : fmt::format("{:.9g}", at->second), d.order, d.residual);
+    }
+    script += block(name, text);
+  }
+  script +=
+      "set multiplot layout 2,2 margins 0.09,0.98,0.12,0.96 spacing 0.09,0.16\n"
+      "set ylabel 'residual, standard errors' offset 1.5\nset yrange [-4:4]\nset xzeroaxis lw 1 lc rgb "
+      "'#8a95a1'\n";
+  const std::array<std::pair<const char*, const char*>, 4> axes{{{"1", "inertial number I"},
+                                                                 {"2", "pressure p [Pa]"},
+                                                                 {"3", "solid fraction φ"},
+                                                                 {"4", "order of the runs"}}};
+  for (const auto& [column, label] : axes) {
+    script += std::string_view(column) == "1" ? "set logscale x\nset format x '10^{%L}'\n"
+                                              : "unset logscale x\nset format x '%g'\n";
+    script += fmt::format(
+        "set xlabel '{0}'\nplot $mu using {1}:5 with points pt 7 ps 0.5 lc rgb '{2}' title 'μ', $phi using "
+        "{1}:5 "
+        "with points pt 6 ps 0.6 lc rgb '{3}' title 'φ'\nunset key\n",
+        label, column, colour(0), colour(1));
+  }
+  return render_svg("residuals", script + "unset multiplot\n", 720, 520);
+}
+
+std::string figure_likelihoods(const Fit& fit) {
+  std::string script = style();
+  std::string plot = "plot x*x with lines lc rgb '#8a95a1' dt (6,5) title 'if it were a parabola'";
+  std::size_t k = 0;
+  for (const LawFit* law : {&fit.friction, &fit.solid_fraction})
+    for (const Profile& p : law->profiles) {
+      const double scale = (*law)[p.name].standard_error / law->error_scale;
+      std::vector<double> x;
+      for (double value : p.values) x.push_back((value - p.value) / scale);
+      script += block(fmt::format("p{}", k), rows(x, p.delta_chi2));
+      plot += fmt::format(", $p{} with linespoints pt 7 ps 0.35 lw 1.6 lc rgb '{}' title {}", k, colour(k),
+                          quoted(p.name));
+      ++k;
+    }
+  script +=
+      "set xrange [-4:4]\nset yrange [0:12]\nset xlabel 'parameter less its estimate, in standard errors'\n"
+      "set ylabel 'rise of χ²'\nset key top center\n";
+  return render_svg("likelihoods", script + plot + "\n", 720, 380);
 }
 
 std::string figure_transient_phi(const Fit& fit) {
   std::vector<Curve> curves;
+  if (!fit.transient_checks.empty()) {
+    for (const TransientCheck& c : fit.transient_checks)
+      curves.push_back({c.s, c.phi, c.phi_fit, group_label(c)});
+    return transient_figure("phi", curves, "solid fraction φ",
+                            "points: LIGGGHTS, mean over seeds; lines: fit");
+  }
   for (const TransientFit& t : fit.transients) curves.push_back({t.s, t.phi, t.phi_fit, run_label(t)});
   return transient_figure("phi", curves, "solid fraction φ", "points: LIGGGHTS, lines: fit");
 }

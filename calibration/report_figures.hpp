@@ -39,6 +39,11 @@ ReferenceLaw glass_beads_2006();
 
 std::string figure_friction(const Fit& fit);
 std::string figure_solid_fraction(const Fit& fit);
+/// Residuals of both steady fits against I, p, phi and the order in which the runs are listed.
+std::string figure_residuals(const Fit& fit);
+/// The rise of chi2 along the profile of each parameter, in its standard errors.
+std::string figure_likelihoods(const Fit& fit);
+/// Each run, or, with checks, the mean of each group of twins.
 std::string figure_transient_phi(const Fit& fit);
 std::string figure_transient_beta(const Fit& fit);
 std::string figure_transient_mu(const Fit& fit);

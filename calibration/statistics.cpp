@@ -136,6 +136,15 @@ double student_t_quantile(double probability, double degrees_of_freedom) {
   return probability < 0.5 ? -x : x;
 }
 
+double jackknife_variance(std::span<const double> without) {
+  const auto n = static_cast<double>(without.size());
+  double mean = 0;
+  for (double v : without) mean += v / n;
+  double squares = 0;
+  for (double v : without) squares += (v - mean) * (v - mean);
+  return (n - 1) / n * squares;
+}
+
 Eigen::MatrixXd NoiseModel::covariance(std::span<const double> s) const {
   const double variance = wander_sd * wander_sd + white_sd * white_sd;
   return variance * correlation(s, strain_scale, white_sd * white_sd / variance);

@@ -17,6 +17,9 @@ double normal_quantile(double probability);
 /// The same for Student's t with `degrees_of_freedom` > 0, which need not be whole.
 double student_t_quantile(double probability, double degrees_of_freedom);
 
+/// Variance of an estimate from those without each of its n data: (n - 1)/n times the sum of squares.
+double jackknife_variance(std::span<const double> without);
+
 /// cov(s_i, s_j) = wander_sd^2 exp(-|s_i - s_j|/strain_scale) + white_sd^2 [i = j].
 struct NoiseModel {
   double wander_sd = 0;

@@ -271,4 +271,66 @@ CrossValidation cross_validate(const SteadyFit& fit, const SteadyModel& model, c
   return result;
 }
 
+namespace {
+
+double quantile(std::vector<double> values, double probability) {
+  std::sort(values.begin(), values.end());
+  const double at = probability * static_cast<double>(values.size() - 1);
+  const auto k = std::min(static_cast<std::size_t>(at), values.size() - 2);
+  return values[k] + (at - static_cast<double>(k)) * (values[k + 1] - values[k]);
+}
+
+}  // namespace
+
+void add_bootstrap(SteadyFit& fit, const SteadyModel& model, const std::string& family,
+                   const FitOptions& options) {
+  std::map<double, std::vector<const SteadyDatum*>> conditions;
+  for (const SteadyDatum& d : fit.data) conditions[d.I_driven].push_back(&d);
+  const auto with_twins = std::count_if(conditions.begin(), conditions.end(),
+                                        [](const auto& condition) { return condition.second.size() > 1; });
+  if (options.bootstrap < 2 || 2 * with_twins < std::ssize(conditions)) return;
+
+  Bootstrap& out = fit.law.bootstrap;
+  const double first = fit.data.front().I, last = fit.data.back().I;  // sorted by I
+  for (int k = 0; k <= 40; ++k) out.I.push_back(first * std::pow(last / first, k / 40.0));
+  std::vector<std::vector<double>> parameters(model.parameters().size()), band(out.I.size());
+  std::mt19937 generator(20062);  // the same draws on every machine
+  for (long draw = 0; draw < options.bootstrap; ++draw) {
+    std::vector<SteadyDatum> data;
+    for (const auto& [driven, runs] : conditions) {
+      const auto n = static_cast<double>(runs.size());
+      double I = 0, value = 0;
+      for (const SteadyDatum* run : runs) I += run->I / n, value += run->value / n;
+      const double wider = runs.size() > 1 ? std::sqrt(n / (n - 1)) : 0;
+      for (std::size_t k = 0; k < runs.size(); ++k) {
+        SteadyDatum d = *runs[generator() % runs.size()];
+        d.I = I + (runs.size() > 1 ? wider * (d.I - I) : d.I - I);
+        d.value = value + (runs.size() > 1 ? wider * (d.value - value) : d.value - value);
+        data.push_back(std::move(d));
+      }
+    }
+    LeastSquaresResult result;
+    result.values = fit.law.coordinates;
+    settle(model, data, family, options.robust, result);
+    const NaturalParameters natural = model.natural(result.values);
+    for (std::size_t k = 0; k < parameters.size(); ++k) parameters[k].push_back(natural.values[k]);
+    ModelValue value;
+    for (std::size_t k = 0; k < band.size(); ++k) {
+      if (!model.evaluate(result.values, out.I[k], value))
+        throw NumericalError(
+            fmt::format("{}: a draw of the bootstrap has no value at I = {:g}", family, out.I[k]));
+      band[k].push_back(value.value);
+    }
+  }
+  out.draws = options.bootstrap;
+  for (const std::vector<double>& values : parameters) {
+    out.low.push_back(quantile(values, 0.025));
+    out.high.push_back(quantile(values, 0.975));
+  }
+  for (const std::vector<double>& values : band) {
+    out.band_low.push_back(quantile(values, 0.025));
+    out.band_high.push_back(quantile(values, 0.975));
+  }
+}
+
 }  // namespace dem2sph

@@ -31,4 +31,11 @@ void add_profiles(SteadyFit& fit, const SteadyModel& model, const std::string& f
 CrossValidation cross_validate(const SteadyFit& fit, const SteadyModel& model, const std::string& family,
                                const FitOptions& options);
 
+/// Fills fit.law.bootstrap with `options.bootstrap` draws, unless fewer than half of the conditions have two
+/// seeds. A draw takes as many runs of each condition as it has, with replacement, and widens their
+/// deviations from the condition's mean by sqrt(n/(n - 1)), without which a few seeds would pretend too
+/// little spread.
+void add_bootstrap(SteadyFit& fit, const SteadyModel& model, const std::string& family,
+                   const FitOptions& options);
+
 }  // namespace dem2sph

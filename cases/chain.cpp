@@ -282,18 +282,29 @@ std::string describe(const Fit& fit) {
     double best = std::numeric_limits<double>::infinity();
     for (const LawFit& law : laws)
       if (law.failure.empty()) best = std::min(best, law.AICc);
-    text += fmt::format(
-        "{}: members by AICc above the best, and how well they predict a condition left out\n", family);
-    for (const LawFit& law : laws)
-      text += law.failure.empty()
-                  ? fmt::format("  {}{:<17} {:>8.1f}   {:.2f} % rms, {:.2f} % at most   chi2/dof {:.2f}\n",
-                                law.member == chosen.member ? '*' : ' ', law.member, law.AICc - best,
-                                100 * law.cross_validation.rms, 100 * law.cross_validation.largest,
-                                law.chi2_per_dof)
-                  : fmt::format("   {:<17} not fitted: {}\n", law.member, law.failure);
+    text += fmt::format("{}: members by AICc above the best\n", family);
+    for (const LawFit& law : laws) {
+      const CrossValidation& cv = law.cross_validation;
+      text +=
+          law.failure.empty()
+              ? fmt::format(
+                    "  {}{:<17} {:>8.1f}   chi2/dof {:.2f}{}\n", law.member == chosen.member ? '*' : ' ',
+                    law.member, law.AICc - best, law.chi2_per_dof,
+                    cv.conditions.empty()
+                        ? ""
+                        : fmt::format("   conditions left out predicted to {:.2f} % rms, {:.2f} % at most",
+                                      100 * cv.rms, 100 * cv.largest))
+              : fmt::format("   {:<17} not fitted: {}\n", law.member, law.failure);
+    }
   };
   members("friction", fit.friction_members, fit.friction);
   members("solid fraction", fit.solid_fraction_members, fit.solid_fraction);
+  members("dilation", fit.dilation_members, fit.dilation);
+  for (const TransientCheck& c : fit.transient_checks)
+    text += fmt::format(
+        "  {:<14} to I = {:<6g} packed with {:<4g} {} seeds: signal/noise {:4.1f}, chi2/dof {:.2f}{}\n",
+        c.kind, c.I_driven, c.packing_friction, c.seeds, c.signal_to_noise, c.chi2_per_dof,
+        c.predicted ? fmt::format(" ({:.2f} left out)", c.predicted_chi2_per_dof) : "");
   text += fit.verdict + "\n";
   for (const std::string& warning : fit.warnings) text += "note: " + warning + "\n";
   return text;

@@ -8,6 +8,7 @@
 #include <csignal>
 #include <iostream>
 
+#include "calibration/suggest.hpp"
 #include "cases/case_template.hpp"
 #include "cases/chain.hpp"
 #include "dem_bridge/sweep.hpp"
@@ -32,6 +33,8 @@ struct Options : CommonOptions {
   fs::path law;
   fs::path frame;
   std::vector<fs::path> observables;
+  long count = 6;
+  double I_max = 1;
   std::string fields = "x,v,p";
   bool as_json = false;
   bool dry_run = false;
@@ -144,20 +147,43 @@ ExitCode seal(const Options& options) {
   return ExitCode::ok;
 }
 
-ExitCode fit(const Options& options) {
+/// The case file of a command that only fits, or none.
+CaseFile fit_case(const Options& options) {
+  if (!options.case_file.empty()) return load_case(options.case_file, options.overrides);
   CaseFile file = CaseFile::parse("", "command line", options.overrides);
-  if (options.case_file.empty()) {
-    const ParameterTable* const only_fit[] = {&fit_table};
-    file.validate(only_fit);
-  } else {
-    file = load_case(options.case_file, options.overrides);
-  }
+  const ParameterTable* const only_fit[] = {&fit_table};
+  file.validate(only_fit);
+  return file;
+}
+
+ExitCode fit(const Options& options) {
+  const CaseFile file = fit_case(options);
   std::vector<Observables> observables;
   for (const fs::path& path : options.observables) observables.push_back(read_observables(path));
   prepare_output(options);
   const Fit result = fit_law(observables, FitOptions::from(file.section(fit_table)));
   write_fit(result, options.observables, options.output);
   print(options, dem2sph::to_json(result, options.observables), describe(result));
+  return ExitCode::ok;
+}
+
+ExitCode suggest(const Options& options) {
+  std::vector<Observables> observables;
+  for (const fs::path& path : options.observables) observables.push_back(read_observables(path));
+  const Fit result = fit_law(observables, FitOptions::from(fit_case(options).section(fit_table)));
+  const std::vector<SuggestedRun> runs = suggest_runs(observables, result, options.count, options.I_max);
+  json rows = json::array();
+  for (const SuggestedRun& run : runs)
+    rows.push_back({{"I_driven", run.I_driven},
+                    {"seed", run.seeds_there + 1},
+                    {"core_seconds", run.core_seconds},
+                    {"mu_se", run.mu_se},
+                    {"phi_se", run.phi_se},
+                    {"worst", run.worst},
+                    {"relative_error_before", run.error_before},
+                    {"relative_error_after", run.error_after},
+                    {"log_det", run.log_det}});
+  print(options, {{"runs", rows}}, describe(runs, result));
   return ExitCode::ok;
 }
 
@@ -242,6 +268,7 @@ int program(int argc, char** argv) {
       "  dem2sph run my_case/case.toml -o out                  grains, law, flow, report\n"
       "  dem2sph sweep cases/shear_cell/case.toml -o grains    only the grains\n"
       "  dem2sph fit grains/observables.h5 -o law.json         only the law\n"
+      "  dem2sph suggest grains/observables.h5                 which runs to make next\n"
       "  dem2sph flow cases/column_collapse/case.toml --law law.json -o flow --set flow.resolution=80\n"
       "Exit codes: 0 ok, 1 bug, 2 usage or case file, 3 unreadable input, 4 LIGGGHTS, 5 numerical failure,\n"
       "6 not identifiable, 7 validation bar missed, 75 interrupted and resumable.");
@@ -319,6 +346,16 @@ int program(int argc, char** argv) {
       overrides(writes(add(app, "fit", "Fit the law to observables (Ceres)", fit), "Law file to write")));
   fitting->add_option("OBSERVABLES", options.observables, "observables.h5, one or more")->required();
   fitting->add_option("--case", options.case_file, "Case file with a section [fit]");
+  CLI::App* suggesting =
+      overrides(add(app, "suggest", "Which steady runs would tell the most for their cost", suggest));
+  suggesting->add_option("OBSERVABLES", options.observables, "observables.h5, one or more")->required();
+  suggesting->add_option("--case", options.case_file, "Case file with a section [fit]");
+  suggesting->add_option("--count", options.count, "How many runs")
+      ->check(CLI::Range(1, 1000))
+      ->capture_default_str();
+  suggesting->add_option("--I-max", options.I_max, "Largest driven inertial number to think of")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
   CLI::App* flowing = add(app, "flow", "Run the SPH flow of a case", flow);
   forces(
       shows_progress(threads(dry(overrides(writes(takes_case(flowing), "Folder for summary and frames"))))))

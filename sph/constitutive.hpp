@@ -3,6 +3,7 @@
 
 #include <cmath>
 
+#include "sph/base/law_file.hpp"
 #include "sph/equation_of_state.hpp"
 #include "sph/loops.hpp"
 #include "sph/particles.hpp"
@@ -25,7 +26,14 @@ struct StateInput {
   double dt = 0;
   Grains grains;
   double cohesion = 0;
-  double rho_s = 0;  ///< density of the grains' material if rho0 follows phi, else 0 [kg/m^3]
+  double rho_s = 0;    ///< density of the grains' material if rho0 follows phi, else 0 [kg/m^3]
+  bool clamp = false;  ///< whether the laws take the nearest I of `range` where I is outside
+  DataRange range{};     ///< of I that the law's data cover
+
+  double in_law(double I) const {
+    if (!clamp) return I;
+    return I < range.lowest ? range.lowest : I > range.highest ? range.highest : I;  // NaN stays
+  }
 };
 
 /// mu p + c with a mu that is never below zero; NaN stays.
@@ -77,7 +85,7 @@ Dissipation update_stress(Particles<Dim>& q, std::size_t a, const Stress& stress
   // How strong the particle is at the shear rate g, and what its state of dilation then is.
   const auto evolved = [&](double g) {
     if constexpr (has_dilation_state<Dilation>)
-      return dilation.law.after({q.dilation_state[a], q.dilation_I[a]}, g * to_I, g * in.dt);
+      return dilation.law.after({q.dilation_state[a], q.dilation_I[a]}, in.in_law(g * to_I), g * in.dt);
     else
       return 0;
   };
@@ -92,7 +100,7 @@ Dissipation update_stress(Particles<Dim>& q, std::size_t a, const Stress& stress
   };
   const auto strength = [&](double g) {
     if (p < 0) return strength_in_tension(law, p, in.cohesion);
-    return strength_of(steady_friction(law, g * to_I, g) + beta_at(g), p, in.cohesion);
+    return strength_of(steady_friction(law, in.in_law(g * to_I), g) + beta_at(g), p, in.cohesion);
   };
   const auto finish = [&](double g) {  // the state at the end of the increment
     if (p < 0) {
@@ -112,7 +120,7 @@ Dissipation update_stress(Particles<Dim>& q, std::size_t a, const Stress& stress
     for (int k = 0; k < Sym<Dim>::size; ++k) s[k] += 2 * stress.G * in.dt * rate[k];
     const double trial = equivalent_stress(s);
     const double G_dt = stress.G * in.dt;
-    const Returned returned = has_dilation_state<Dilation> || p < 0
+    const Returned returned = has_dilation_state<Dilation> || p < 0 || in.clamp
                                   ? return_by_newton(trial, G_dt, strength)
                                   : return_to_yield(law, in.grains, trial, p, G_dt, frozen_beta, in.cohesion);
     double dissipated = 0;

@@ -38,7 +38,8 @@ struct Budgets {
   double swollen = 0;        ///< [J], put into compression by rho0 following phi since t = 0
   double from_walls = 0;     ///< [J], put in by moving walls since t = 0
   double flowing = 0;        ///< mass that shears under pressure [kg]
-  double outside_data = 0;   ///< of it, at an I outside the range of the law's data [kg]
+  double below_data = 0;     ///< of it, at an I below the range of the law's data [kg]
+  double above_data = 0;     ///< of it, above [kg]
   double ill_posed = 0;      ///< of it, where mu(I) is ill-posed (Barker et al. 2015) [kg]
   double beta_limited = 0;   ///< of it, with beta at one of its limits [kg]
   double phi_at_floor = 0;   ///< of it, with phi_eq at the floor where the linear law ends [kg]

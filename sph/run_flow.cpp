@@ -78,16 +78,22 @@ struct Record {
   json initial_budgets;
   double initial_energy = 0;  // kinetic, potential and elastic
   // Mass beyond the law's data over the mass that flows: sums over the samples in which anything flowed, and
-  // maxima.
+  // maxima; and the time for which there was any.
   struct Share {
     double sum = 0;
     double largest = 0;
-    void add(double share) {
+    double time = 0;  // [s]
+    void add(double share, double since_last) {
       sum += share;
       largest = std::max(largest, share);
+      if (share > 0) time += since_last;
+    }
+    json to_json() const { return {sum, largest, time}; }
+    static Share from(const json& j) {
+      return {j.at(0).get<double>(), j.at(1).get<double>(), j.at(2).get<double>()};
     }
   };
-  Share outside_data, ill_posed, beta_limited, phi_at_floor;
+  Share below_data, above_data, ill_posed, beta_limited, phi_at_floor;
   long flowing_samples = 0;
   double particle_steps = 0;
   double pair_steps = 0;
@@ -106,9 +112,12 @@ struct Record {
                 {"initial_budgets", initial_budgets},
                 {"initial_energy", initial_energy},
                 {"work", {particle_steps, pair_steps}},
-                {"shares",
-                 {outside_data.sum, outside_data.largest, beta_limited.sum, beta_limited.largest,
-                  phi_at_floor.sum, phi_at_floor.largest, flowing_samples, ill_posed.sum, ill_posed.largest}}}
+                {"flowing_samples", flowing_samples},
+                {"below_data", below_data.to_json()},
+                {"above_data", above_data.to_json()},
+                {"ill_posed", ill_posed.to_json()},
+                {"beta_limited", beta_limited.to_json()},
+                {"phi_at_floor", phi_at_floor.to_json()}}
         .dump();
   }
   static Record from(const std::string& text) {
@@ -127,12 +136,12 @@ struct Record {
     r.initial_budgets = j.at("initial_budgets");
     r.particle_steps = j.at("work").at(0).get<double>();
     r.pair_steps = j.at("work").at(1).get<double>();
-    const json& shares = j.at("shares");
-    r.outside_data = {shares.at(0).get<double>(), shares.at(1).get<double>()};
-    r.beta_limited = {shares.at(2).get<double>(), shares.at(3).get<double>()};
-    r.phi_at_floor = {shares.at(4).get<double>(), shares.at(5).get<double>()};
-    r.flowing_samples = shares.at(6).get<long>();
-    r.ill_posed = {shares.at(7).get<double>(), shares.at(8).get<double>()};
+    r.flowing_samples = j.at("flowing_samples").get<long>();
+    r.below_data = Share::from(j.at("below_data"));
+    r.above_data = Share::from(j.at("above_data"));
+    r.ill_posed = Share::from(j.at("ill_posed"));
+    r.beta_limited = Share::from(j.at("beta_limited"));
+    r.phi_at_floor = Share::from(j.at("phi_at_floor"));
     r.initial_energy = j.at("initial_energy").get<double>();
     return r;
   }
@@ -310,6 +319,7 @@ class Run {
   bool sample() {
     const Budgets b = flow_->budgets();
     json& s = record_.series;
+    const double since_last = s["time"].empty() ? 0.0 : flow_->time() - s["time"].back().get<double>();
     s["time"].push_back(flow_->time());
     s["kinetic_energy"].push_back(b.kinetic);
     s["potential_energy"].push_back(b.potential);
@@ -323,10 +333,19 @@ class Run {
     record_.sampled = static_cast<long>((flow_->time() / setup_.end_time) * samples * (1 + 1e-12)) + 1;
     if (b.flowing > 0) {
       ++record_.flowing_samples;
-      record_.outside_data.add(b.outside_data / b.flowing);
-      record_.ill_posed.add(b.ill_posed / b.flowing);
-      record_.beta_limited.add(b.beta_limited / b.flowing);
-      record_.phi_at_floor.add(b.phi_at_floor / b.flowing);
+      record_.below_data.add(b.below_data / b.flowing, since_last);
+      record_.above_data.add(b.above_data / b.flowing, since_last);
+      record_.ill_posed.add(b.ill_posed / b.flowing, since_last);
+      record_.beta_limited.add(b.beta_limited / b.flowing, since_last);
+      record_.phi_at_floor.add(b.phi_at_floor / b.flowing, since_last);
+      if (setup_.extrapolate == "error" && b.above_data > setup_.extrapolate_limit * b.flowing)
+        throw NumericalError(fmt::format(
+            "t = {:.4g} s: {:.1f} % of the flowing mass is at I above {:g}, where the law has no data "
+            "(flow.extrapolate_limit = {:g}); calibrate at larger I, raise the limit, or use "
+            "flow.extrapolate = "
+            "\"warn\" or \"clamp\"",
+            flow_->time(), 100 * b.above_data / b.flowing, setup_.law_range.highest,
+            setup_.extrapolate_limit));
     }
     const double initial = record_.initial_budgets.at("potential").get<double>();
     // At t = 0 nothing moves either: rest counts once a free fall over H would have taken place.
@@ -362,10 +381,13 @@ class Run {
   json beyond_the_law() const {
     const double n = std::max(1.0, static_cast<double>(record_.flowing_samples));
     const auto share = [&](const Record::Share& s) {
-      return json{{"mean", s.sum / n}, {"largest", s.largest}};
+      return json{{"mean", s.sum / n}, {"largest", s.largest}, {"time", s.time}};
     };
     json result = json::object();
-    if (setup_.law_range.highest > 0) result["I_outside_data"] = share(record_.outside_data);
+    if (setup_.law_range.highest > 0) {
+      result["I_below_data"] = share(record_.below_data);
+      result["I_above_data"] = share(record_.above_data);
+    }
     result["ill_posed"] = share(record_.ill_posed);
     const DilationPart& dilation = setup_.parts.dilation;
     if (!std::holds_alternative<NoDilation>(dilation))

@@ -68,10 +68,19 @@ const ParameterTable flow_table{
         {"beta_lowest", Kind::number, "", -10, 0, "unset",
          "Least beta that enters mu; unset: 0 with direct, -0.5 if it evolves."},
         {"beta_highest", Kind::number, "", 0, 10, "0.5", "Largest beta that enters mu."},
+        {"beta_share", Kind::number, "", 0, 5, "unset",
+         "Share of beta that enters mu; unset: that of the law, 1 (Eq. 5.7) if it has none."},
         {"swelling", Kind::flag, "", 0, 0, "false",
          "Whether rho0 follows phi, so that material that dilates takes more room."},
         {"initial_solid_fraction", Kind::number, "", 0.3, 0.74, "unset",
          "Solid fraction at t = 0; unset: phi_c of the law."},
+        word("extrapolate", "warn",
+             "Where I is outside the data of the law file. warn: go on, count it in summary.json; clamp: the "
+             "laws "
+             "take the nearest I with data, count too; error: stop once more than extrapolate_limit of the "
+             "flowing mass is above the data.",
+             {"warn", "clamp", "error"}),
+        {"extrapolate_limit", Kind::number, "", 0, 1, "0.05", "Share of the flowing mass, with error."},
         {"cohesion", Kind::quantity, "Pa", 0, 1e9, "0 Pa", "Cohesion c of Eq. 5.3."},
         {"tensile_strength", Kind::quantity, "Pa", 0, 1e9, "0 Pa",
          "Tension that the material bears before it comes apart; at most cohesion over the friction at "
@@ -166,6 +175,8 @@ const ParameterTable law_table{
         {"phi_c", Kind::number, "", 0.1, 0.9, "required", "Solid fraction at I -> 0."},
         {"b", Kind::number, "", 0, 10, "unset", "Slope of the solid fraction, phi_eq = phi_c - b I."},
         {"s_star", Kind::number, "", 1e-6, 1e6, "unset", "Strain over which phi relaxes."},
+        {"s_star_compacting", Kind::number, "", 1e-6, 1e6, "unset",
+         "Another one where phi is below phi_eq; unset: the same (dilation = \"evolve\")."},
         {"gain", Kind::number, "", -10, 10, "unset",
          "A: gain of the source of Eq. 5.22 as it is printed; unset: 1 (dilation = \"evolve_printed\")."},
     }};
@@ -429,7 +440,10 @@ Parts read_parts(const Section& flow, const LawFile& law, double K) {
         } else {
           const double lowest = flow.number("beta_lowest");
           const double usual = std::is_same_v<T, DilationFromField> ? 0.0 : -0.5;
-          const DilationLimits limits{std::isnan(lowest) ? usual : lowest, flow.number("beta_highest")};
+          const double given_share = flow.number("beta_share");
+          const double of_law = law.dilation.has("beta_share") ? law.dilation["beta_share"] : 1;
+          const DilationLimits limits{std::isnan(lowest) ? usual : lowest, flow.number("beta_highest"),
+                                      std::isnan(given_share) ? of_law : given_share};
           if constexpr (std::is_same_v<T, DilationFromField>) {
             dilation.limits = limits;
           } else {
@@ -441,8 +455,18 @@ Parts read_parts(const Section& flow, const LawFile& law, double K) {
             dilation.law.phi_eq = solid_fraction_law(law);
             dilation.law.s_star = law.dilation["s_star"];
             dilation.law.limits = limits;
-            if (std::is_same_v<T, DilationEvolves> && law.dilation.member == "printed")
-              flow.refuse("dilation", "the law gives a gain, which only dilation = \"evolve_printed\" uses");
+            const bool two_sided = law.dilation.member == "two_sided";
+            if constexpr (std::is_same_v<T, DilationEvolves>) {
+              if (law.dilation.member == "printed")
+                flow.refuse("dilation",
+                            "the law gives a gain, which only dilation = \"evolve_printed\" uses");
+              dilation.law.s_star_compacting =
+                  two_sided ? law.dilation["s_star_compacting"] : dilation.law.s_star;
+            } else if (two_sided) {
+              flow.refuse("dilation",
+                          "the law has a scale for each side of phi_eq, which only dilation = "
+                          "\"evolve\" uses");
+            }
             if constexpr (std::is_same_v<T, DilationEvolvesPrinted>)
               dilation.law.gain = law.dilation.member == "printed" ? law.dilation["gain"] : 1.0;
           }
@@ -507,6 +531,7 @@ LawFile law_of_case(const CaseFile& file) {
   }
   const double b = section.number("b");
   const double s_star = section.number("s_star");
+  const double compacting = section.number("s_star_compacting");
   const double gain = section.number("gain");
   law.solid_fraction = {
       "linear", {given("phi_c", section.number("phi_c")), given("b", std::isnan(b) ? 0 : b)}, 0};
@@ -515,8 +540,13 @@ LawFile law_of_case(const CaseFile& file) {
     if (std::isnan(b)) section.refuse("s_star", "\"s_star\" needs \"b\" as well");
     law.dilation = {"phi_relaxes", {given("s_star", s_star)}, 0};
     if (!std::isnan(gain)) law.dilation = {"printed", {given("s_star", s_star), given("gain", gain)}, 0};
-  } else if (!std::isnan(gain)) {
-    section.refuse("gain", "\"gain\" needs \"s_star\" as well");
+    if (!std::isnan(compacting)) {
+      if (!std::isnan(gain)) section.refuse("gain", "\"gain\" and \"s_star_compacting\" exclude each other");
+      law.dilation = {"two_sided", {given("s_star", s_star), given("s_star_compacting", compacting)}, 0};
+    }
+  } else if (!std::isnan(gain) || !std::isnan(compacting)) {
+    const char* key = std::isnan(gain) ? "s_star_compacting" : "gain";
+    section.refuse(key, fmt::format("\"{}\" needs \"s_star\" as well", key));
   }
   section.finish(fmt::format("with friction = \"{}\"", member));
   law.verdict = "given by hand in " + file.path().string();
@@ -542,6 +572,15 @@ FlowSetup<Dim> make_setup(const CaseFile& file, const LawFile& law) {
   // ---- material
   setup.grains = {law.d, law.rho_s};
   setup.law_range = law.I;
+  setup.extrapolate = flow.word("extrapolate");
+  if (setup.extrapolate == "error") setup.extrapolate_limit = flow.number("extrapolate_limit");
+  if (setup.extrapolate != "warn" && !(law.I.highest > 0))
+    flow.refuse("extrapolate",
+                fmt::format("extrapolate = \"{}\" needs a law that states where its data are: one "
+                            "fitted, given with --law",
+                            setup.extrapolate));
+  if (setup.extrapolate == "clamp" && law.friction.member == "rational_rate")
+    flow.refuse("extrapolate", "a law of the shear rate has no I to clamp");
   setup.cohesion = flow.quantity("cohesion");
   const double given_phi = flow.number("initial_solid_fraction");
   setup.initial_phi = std::isnan(given_phi) ? law.solid_fraction["phi_c"] : given_phi;

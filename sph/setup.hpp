@@ -29,8 +29,10 @@ struct FlowSetup {
   Period<Dim> period;
   double floor_end = 0;  ///< largest x that the floor supports [m]; 0: there is no end
   double initial_phi = 0;
-  DataRange law_range;       ///< of I, that the law's data cover; 0, 0: not stated
-  Particles<Dim> particles;  ///< at t = 0; wall particles carry the mass of their volume at rho0
+  DataRange law_range;      ///< of I, that the law's data cover; 0, 0: not stated
+  std::string extrapolate;  ///< outside of it: "warn" and count, "clamp" I, "error" above extrapolate_limit
+  double extrapolate_limit = 0;  ///< share of the flowing mass above law_range
+  Particles<Dim> particles;      ///< at t = 0; wall particles carry the mass of their volume at rho0
 
   // What the run needs to know about its scene.
   std::string scene;

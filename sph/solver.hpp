@@ -206,8 +206,8 @@ class Solver final : public Flow {
       const double I = inertial_number(q_.gamma_dot[i], q_.p[i], setup_.grains.d, setup_.grains.rho_s);
       b.flowing += q_.m[i];
       const bool known = setup_.law_range.highest > 0;  // a law given by hand states no range
-      if (known && !(I >= setup_.law_range.lowest && I <= setup_.law_range.highest))
-        b.outside_data += q_.m[i];
+      if (known && I < setup_.law_range.lowest) b.below_data += q_.m[i];
+      if (known && !(I <= setup_.law_range.highest)) b.above_data += q_.m[i];
       if (std::visit([&](const auto& law) { return !(well_posedness(law, I, q_.gamma_dot[i]) <= 0); },
                      parts_.friction))
         b.ill_posed += q_.m[i];
@@ -466,7 +466,9 @@ class Solver final : public Flow {
   }
 
   void update_state(double dt) {
-    const StateInput in{dt, setup_.grains, setup_.cohesion, parts_.swelling ? setup_.grains.rho_s : 0.0};
+    const bool clamp = setup_.extrapolate == "clamp";
+    const StateInput in{dt,    setup_.grains,   setup_.cohesion, parts_.swelling ? setup_.grains.rho_s : 0.0,
+                        clamp, setup_.law_range};
     const StateSums sums = std::visit(
         [&](const auto& stress, const auto& law, const auto& dilation) {
           return state_pass(q_, 0, q_.interior, setup_.eos, stress, law, dilation, in);
@@ -479,7 +481,8 @@ class Solver final : public Flow {
     if (!own_wall_state()) return;
     // Boundary particles have the material's law, or their basal friction in its place (Eq. 5.7), and no
     // dilation.
-    const StateInput of_walls{dt, setup_.grains, setup_.cohesion, 0.0};
+    StateInput of_walls = in;
+    of_walls.rho_s = 0;
     std::visit(
         [&](const auto& stress, const auto& law) {
           if (!wall_forces_.basal) {

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include "sph/base/errors.hpp"
@@ -70,6 +71,11 @@ double FittedLaw::operator[](std::string_view name) const {
   for (const FittedParameter& p : parameters)
     if (p.name == name) return p.value;
   throw InputError(fmt::format("the {} law has no parameter \"{}\"", member, name));
+}
+
+bool FittedLaw::has(std::string_view name) const {
+  return std::any_of(parameters.begin(), parameters.end(),
+                     [&](const FittedParameter& p) { return p.name == name; });
 }
 
 namespace {
@@ -184,10 +190,12 @@ LawFile law_file_from_json(const json& j) {
   }
   if (solid_fraction == "rational") positive(law.solid_fraction["I_phi"], "I_phi");
   const std::string& dilation = law.dilation.member;
-  if (dilation == "phi_relaxes" || dilation == "printed") positive(law.dilation["s_star"], "s_star");
-  if (dilation == "printed") not_negative(law.dilation["gain"], "gain");
-  if (dilation != "phi_relaxes" && dilation != "printed" && dilation != "none")
+  if (dilation != "phi_relaxes" && dilation != "two_sided" && dilation != "printed" && dilation != "none")
     throw refuse(fmt::format("unknown dilation law \"{}\"", dilation));
+  if (dilation != "none") positive(law.dilation["s_star"], "s_star");
+  if (dilation == "two_sided") positive(law.dilation["s_star_compacting"], "s_star_compacting");
+  if (dilation == "printed") not_negative(law.dilation["gain"], "gain");
+  if (law.dilation.has("beta_share")) not_negative(law.dilation["beta_share"], "beta_share");
   const std::size_t n = law.covariance_names.size();
   if (law.covariance.size() != n) throw refuse("the covariance has another size than its names");
   for (std::size_t i = 0; i < n; ++i) {

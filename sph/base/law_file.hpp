@@ -25,13 +25,16 @@ struct FittedParameter {
 ///                   exponential {mu_l, mu_h, D_star}, power {mu_l, a, n}, linear {mu_l, rise},
 ///                   barker_gray_2017 {mu_s, mu_2, I_0, mu_inf, alpha}
 ///   solid fraction  linear {phi_c, b}, power {phi_c, a, n}, rational {phi_c, b, I_phi}
-///   dilation        phi_relaxes {s_star}, printed {s_star, gain}, none
+///   dilation        phi_relaxes {s_star}, two_sided {s_star, s_star_compacting}, printed {s_star, gain},
+///   none;
+///                   each but none may have beta_share, what of beta enters mu (1 if it is not there)
 struct FittedLaw {
   std::string member;
   std::vector<FittedParameter> parameters;
   double chi2_per_dof = 0;  ///< of the fit that made it; 0 if there are no degrees of freedom
   /// Value of a parameter. Throws InputError if the law does not have it.
   double operator[](std::string_view name) const;
+  bool has(std::string_view name) const;
 };
 
 /// Where data were: outside, the law extrapolates.

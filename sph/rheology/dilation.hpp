@@ -122,6 +122,26 @@ auto relax_solid_fraction_ramp(const T& phi, const U& phi_eq_0, const U& phi_eq_
   return phi_eq_1 - (phi_eq_1 - phi_eq_0) * kept_of_a_ramp(x) + (phi - phi_eq_0) * exp(-x);
 }
 
+/// Where phi relaxes over another strain from below phi_eq (compacting) than from above (dilating).
+template <class T, class U, class S>
+S strain_scale(const T& phi, const U& phi_eq, const S& s_star, const S& s_star_compacting) {
+  return phi < phi_eq ? s_star_compacting : s_star;
+}
+
+/// phi after the strain ds >= 0 in which phi_eq goes linearly from phi_eq_0 to phi_eq_1, with the scale of
+/// the side of their mean on which phi lies. Exact for constant phi_eq and for equal scales; continuous in
+/// phi, ds and phi_eq also where the side changes: the lag behind the ramp always has the scale s_star.
+template <class T, class U, class S>
+auto relax_solid_fraction_two_sided(const T& phi, const U& phi_eq_0, const U& phi_eq_1, const S& ds,
+                                    double s_star, double s_star_compacting) {
+  using std::exp;
+  const auto rise = phi_eq_1 - phi_eq_0;
+  const auto mean = phi_eq_0 + 0.5 * rise;
+  const auto x = ds / s_star;
+  return phi_eq_1 - rise * kept_of_a_ramp(x) + 0.5 * rise * exp(-x) +
+         (phi - mean) * exp(-ds / strain_scale(phi, mean, s_star, s_star_compacting));
+}
+
 /// beta = (1 - phi_eq/phi)/s*: the closure of Eq. 5.22 with phi as the state (theory: "carry phi, not beta").
 template <class T, class U, class S>
 auto dilation_rate(const T& phi, const U& phi_eq, const S& s_star) {

@@ -137,13 +137,15 @@ Returned return_to_yield(const Law& law, const Grains& grains, double tau_trial,
   }
 }
 
-/// Limits on the beta that enters mu; a state that evolves is never clipped.
+/// What of beta enters mu: a share of it, within limits. A state that evolves is never clipped.
 struct DilationLimits {
   double lowest = -0.5;
   double highest = 0.5;
+  double share = 1;  ///< as measured in DEM; 1 is Eq. 5.7
   double operator()(double beta) const {
-    return beta < lowest ? lowest : beta > highest ? highest : beta;
-  }  // NaN stays
+    const double part = share * beta;
+    return part < lowest ? lowest : part > highest ? highest : part;  // NaN stays
+  }
 };
 
 /// What a particle carries: the state of its dilation law (which one, the law says), and the I at which it
@@ -159,20 +161,25 @@ struct DilationStep {
   double beta = 0;
 };
 
-/// phi is the state: d(phi)/ds = -(phi - phi_eq(I))/s*, beta = (1 - phi_eq/phi)/s*.
+/// phi is the state: d(phi)/ds = -(phi - phi_eq(I))/s*, beta = (1 - phi_eq/phi)/s*, with a scale s* for each
+/// side of phi_eq.
 struct RelaxingSolidFraction {
   using Step = DilationStep;
   SteadySolidFraction phi_eq;
-  double s_star = 0;
+  double s_star = 0;  ///< where phi > phi_eq: dilating
   DilationLimits limits;
+  double s_star_compacting = s_star;  ///< where phi < phi_eq
 
   DilationState start(double phi_0) const { return {phi_0, 0}; }
   /// After the shear strain ds, in which phi_eq goes linearly from that of the state to that of I. ds = 0:
   /// the beta of the state itself at I.
   Step after(const DilationState& state, double I, double ds) const {
     const double equilibrium = phi_eq(I);
-    const double phi = relax_solid_fraction_ramp(state.value, phi_eq(state.I), equilibrium, ds / s_star);
-    return {{phi, I}, limits(dilation_rate(phi, equilibrium, s_star))};
+    const double phi = relax_solid_fraction_two_sided(state.value, phi_eq(state.I), equilibrium, ds, s_star,
+                                                      s_star_compacting);
+    return {
+        {phi, I},
+        limits(dilation_rate(phi, equilibrium, strain_scale(phi, equilibrium, s_star, s_star_compacting)))};
   }
 };
 

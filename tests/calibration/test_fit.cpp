@@ -78,17 +78,38 @@ std::size_t warnings_with(const Fit& fit, const std::string& text) {
                     [&](const std::string& w) { return w.find(text) != std::string::npos; }));
 }
 
-TEST(Fit, WarnsWhenTheStartUpsShowAnotherShareOfBetaThanTheSolver) {
+TEST(Fit, TheLawCarriesTheShareOfBetaThatShowsInFriction) {
   Truth truth;
   truth.beta_in_mu = 0.3;
   const Fit less = fit_law({synthetic::observables(truth, 1, 12, 1e-3, 1, 6)});
   ASSERT_LT(less.beta_in_mu.high, 1);
-  EXPECT_EQ(warnings_with(less, "the solver adds all of beta to mu"), 1u);
-  EXPECT_EQ(warnings_with(less, "is too strong"), 1u);
+  EXPECT_TRUE(contains(less.beta_in_mu, 0.3));
+  EXPECT_EQ(make_law_file(less, {}).dilation["beta_share"], less.beta_in_mu.value);
   truth.beta_in_mu = 1;
   const Fit all = fit_law({synthetic::observables(truth, 1, 12, 1e-3, 1, 6)});
   ASSERT_TRUE(contains(all.beta_in_mu, 1));
-  EXPECT_EQ(warnings_with(all, "the solver adds all of beta to mu"), 0u);
+  // One kind of transient: the share of that kind is the share of all.
+  ASSERT_EQ(all.beta_in_mu_by_kind.size(), 1u);
+  EXPECT_EQ(all.beta_in_mu_by_kind[0].name, "start_up");
+  EXPECT_EQ(all.beta_in_mu_by_kind[0].value, all.beta_in_mu.value);
+}
+
+TEST(Fit, WarnsWhenKindsOfTransientsShowAnotherShareOfBeta) {
+  Truth truth;
+  truth.beta_in_mu = 0.9;
+  Observables o = synthetic::observables(truth, 1, 12, 1e-3, 1, 6);
+  EXPECT_EQ(warnings_with(fit_law({o}), "not the same in all kinds"), 0u);
+  truth.beta_in_mu = 0.1;
+  synthetic::Noise noise(17);
+  for (int seed = 0; seed < 6; ++seed) {
+    o.transients.push_back(synthetic::start_up(truth, 0.03, 0.62, noise, fmt::format("jump{}", seed)));
+    o.transients.back().kind = "jump";
+  }
+  const Fit fit = fit_law({o});
+  EXPECT_EQ(warnings_with(fit, "not the same in all kinds"), 1u);
+  ASSERT_EQ(fit.beta_in_mu_by_kind.size(), 2u);
+  EXPECT_TRUE(contains(fit.beta_in_mu_by_kind[0], 0.1)) << fit.beta_in_mu_by_kind[0].name;
+  EXPECT_TRUE(contains(fit.beta_in_mu_by_kind[1], 0.9)) << fit.beta_in_mu_by_kind[1].name;
 }
 
 TEST(Fit, WarnsOfRunsWhoseErrorsOrSteadinessAreInDoubt) {
@@ -441,7 +462,7 @@ TEST(Fit, OptionsComeFromTheCaseFile) {
   EXPECT_EQ(from_table.strict, built_in.strict);
   const CaseFile given = CaseFile::parse("[fit]\nstrict = true\ndilation = \"none\"\n", "case.toml");
   EXPECT_TRUE(FitOptions::from(given.section(fit_table)).strict);
-  EXPECT_FALSE(FitOptions::from(given.section(fit_table)).dilation);
+  EXPECT_EQ(FitOptions::from(given.section(fit_table)).dilation, "none");
 }
 
 }  // namespace

@@ -158,10 +158,11 @@ TEST_F(Report, ShowsTheFittedNumbersAndTheirSources) {
   EXPECT_NE(html.find("Jop, Forterre and Pouliquen"), std::string::npos);
   EXPECT_NE(html.find("Run-out"), std::string::npos);
   EXPECT_NE(html.find("<td class=\"n\">1.260</td>"), std::string::npos);  // 1.2 * 1.05, without dilation
-  // Two steady laws, three views of the start-ups, deposit, two flows over time, front, height.
+  // Two steady laws, their residuals, the profiles, three views of the transients, deposit, two flows over
+  // time, front, height.
   std::size_t figures = 0;
   for (std::size_t at = html.find("<svg"); at != std::string::npos; at = html.find("<svg", at + 1)) ++figures;
-  EXPECT_EQ(figures, 10u);
+  EXPECT_EQ(figures, 12u);
 }
 
 TEST_F(Report, TextsFromOutsideAreEscaped) {
@@ -219,7 +220,7 @@ TEST_F(Report, WorksWithoutStartUpsAndFlows) {
   in.flows.clear();
   const std::string html = page();
   EXPECT_EQ(unbalanced(html), "");
-  EXPECT_NE(html.find("No start-ups were fitted"), std::string::npos);
+  EXPECT_NE(html.find("No transients were fitted"), std::string::npos);
   EXPECT_NE(html.find("No flow was run"), std::string::npos);
 }
 

@@ -248,6 +248,28 @@ TEST(PrintedDilation, StepsAndRampsOfTheRateAreExact) {
           }
 }
 
+TEST(TwoSidedRelaxation, EachSideHasItsScaleAndTheSidesJoin) {
+  const RelaxingSolidFraction law{LinearSolidFraction<double>{0.585, 0.1}, 0.4, no_limits, 0.1};
+  const double equilibrium = 0.575;  // at I = 0.1
+  for (const double ds : {1e-4, 0.1, 3.0}) {
+    const DilationStep above = law.after({0.6, 0.1}, 0.1, ds);
+    EXPECT_NEAR(above.state.value, equilibrium + 0.025 * std::exp(-ds / 0.4), 4 * eps);
+    EXPECT_NEAR(above.beta, (1 - equilibrium / above.state.value) / 0.4, 8 * eps / 0.4);
+    const DilationStep below = law.after({0.55, 0.1}, 0.1, ds);
+    EXPECT_NEAR(below.state.value, equilibrium - 0.025 * std::exp(-ds / 0.1), 4 * eps);
+    EXPECT_NEAR(below.beta, (1 - equilibrium / below.state.value) / 0.1, 8 * eps / 0.1);
+    // A ramp of I through the side's end: a jump of phi by 1e-9 may move nothing by more than it (beta by it
+    // over s*), so no root of the return falls into a gap.
+    for (const double I : {0.0, 0.3}) {
+      const double side = 0.585 - 0.05 * (0.1 + I);  // the mean of phi_eq over the increment
+      const DilationStep a = law.after({side - 5e-10, 0.1}, I, ds);
+      const DilationStep b = law.after({side + 5e-10, 0.1}, I, ds);
+      EXPECT_LT(std::abs(b.state.value - a.state.value), 1.0001e-9);
+      EXPECT_LT(std::abs(b.beta - a.beta), 2e-8);
+    }
+  }
+}
+
 TEST(PrintedDilation, AgreesWithTheRelaxationOfPhiToFirstOrder) {
   // Differentiating beta = (1 - phi_eq/phi)/s* gives the printed form, but for beta^2 and phi in the place of
   // phi_c: for a small change of I, both are second order in it.

@@ -56,6 +56,34 @@ TEST(ElasticStress, WithoutPressureThereIsNone) {
   EXPECT_NEAR(d.cut_off, 2 * 5 * 5 / (4 * 1e5), 1e-18) << "s:s/(4 G)";
 }
 
+TEST(Extrapolation, ClampedLawsTakeTheNearestIWithData) {
+  // Data from I = 0.01 to 0.1; sheared at I = 0.0016, 0.05 and 0.5 under 1 kPa.
+  const DataRange data{0.01, 0.1};
+  const RationalFriction<double> law{0.38, 0.64, 0.279};
+  const double to_I = 1e-3 / std::sqrt(1000.0 / 2500);
+  const auto mu_of = [&](double I, bool clamp, bool elastic) {
+    Particles<2> q = particle(1000, I / to_I);
+    const double dt = 0.06 / (I / to_I) / 200;
+    const StateInput in{elastic ? dt : 1e-4, {1e-3, 2500}, 0, 0, clamp, data};
+    for (int step = 0; step < 200; ++step) {
+      if (elastic)
+        update_stress(q, 0, ElasticReturn{4e5}, law, NoDilation{}, in);
+      else
+        update_stress(q, 0, DirectStress{1e-9}, law, NoDilation{}, in);
+    }
+    return equivalent_stress(q.deviator(0)) / 1000;
+  };
+  for (const bool elastic : {false, true}) {
+    // 20 relaxation strains leave e^-20 of the way, and a stress that turns with the shear lags by tau/G =
+    // 1e-3.
+    const double close = elastic ? 1e-5 : 1e-12;
+    EXPECT_NEAR(mu_of(1e-3, true, elastic), law(0.01), close);
+    EXPECT_NEAR(mu_of(0.05, true, elastic), law(0.05), close);
+    EXPECT_NEAR(mu_of(0.5, true, elastic), law(0.1), close);
+    EXPECT_NEAR(mu_of(0.5, false, elastic), law(0.5), close);
+  }
+}
+
 // The fourth of the one-law set (tests/rheology/test_members.cpp has the other three): a particle in simple
 // shear, after 20 relaxation strains tau/G, carries the law's friction at its own rate and pressure.
 TEST(OneLaw, AParticleInSimpleShearCarriesIt) {
