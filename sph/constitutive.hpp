@@ -28,7 +28,7 @@ struct StateInput {
   double cohesion = 0;
   double rho_s = 0;    ///< density of the grains' material if rho0 follows phi, else 0 [kg/m^3]
   bool clamp = false;  ///< whether the laws take the nearest I of `range` where I is outside
-  DataRange range{};     ///< of I that the law's data cover
+  DataRange range{};   ///< of I that the law's data cover
 
   double in_law(double I) const {
     if (!clamp) return I;
