@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <memory>
 #include <utility>
 
@@ -146,10 +147,6 @@ double independent_samples(const NoiseModel& noise, const TransientProblem& prob
 }
 
 /// How well a law describes the mean trace of a group of twins, beyond what their noise would hide.
-struct Description {
-  double chi2_per_dof = 0, explained = 0, signal_to_noise = 0;
-};
-
 class Checks {
  public:
   Checks(const TransientProblem& problem, const NoiseModel& noise)
@@ -157,38 +154,52 @@ class Checks {
 
   const TransientProblem::Weights& weights() const { return weights_; }
 
-  /// `left`: residuals of all runs; `constants`: how many were fitted to this group.
-  Description describe(std::size_t group, const std::vector<CorrelatedResiduals>& left,
-                       double constants) const {
-    double chi2 = 0, samples = 0, runs = 0;
-    std::size_t bins = static_cast<std::size_t>(-1);
+  /// `x` and `constants` are those of the law; `fitted`: how many constants were fitted to this group.
+  TransientCheck describe(std::size_t group, const DilationModel& model, const SteadySolidFraction& law,
+                          const std::vector<double>& x, const TransientConstants& constants,
+                          double fitted) const {
+    const std::vector<CorrelatedResiduals> left = problem_.residuals(model, law, x, constants);
+    TransientCheck check;
+    double chi2 = 0, samples = 0;
+    // The runs of a group share their axis of strain; some end a little earlier.
+    std::size_t n = std::numeric_limits<std::size_t>::max();
     for (std::size_t r = 0; r < left.size(); ++r) {
-      if (problem_.runs()[r].group != group) continue;
+      const BinnedTransient& run = problem_.runs()[r];
+      if (run.group != group) continue;
       chi2 += (weights_[r] * left[r].residuals).squaredNorm();
       samples += static_cast<double>(left[r].s.size());
-      bins = std::min(bins, left[r].s.size());
-      ++runs;
+      const Transient& t = *run.transient;
+      n = std::min(n, t.s.size());
+      check.kind = t.kind;
+      check.I_before = t.I_before, check.I_driven = t.I_driven;
+      check.load_before = t.load_before, check.load = t.load;
+      check.packing_friction = t.packing_friction;
+      ++check.seeds;
     }
-    // The runs of a group share their axis of strain.
-    std::vector<double> data(bins, 0.0), rest(bins, 0.0);
-    for (std::size_t r = 0; r < left.size(); ++r)
-      for (std::size_t k = 0; k < bins && problem_.runs()[r].group == group; ++k) {
-        data[k] += problem_.runs()[r].phi[k] / runs;
-        rest[k] += left[r].residuals(static_cast<Eigen::Index>(k)) / runs;
+    const auto runs = static_cast<double>(check.seeds);
+    check.s.assign(n, 0.0), check.phi.assign(n, 0.0), check.phi_fit.assign(n, 0.0);
+    for (std::size_t r = 0; r < left.size(); ++r) {
+      if (problem_.runs()[r].group != group) continue;
+      const TransientSolution solution = problem_.solution(model, law, x, constants, r);
+      const Transient& t = *problem_.runs()[r].transient;
+      for (std::size_t k = 0; k < n; ++k) {
+        check.s[k] += t.s[k] / runs;
+        check.phi[k] += t.phi[k] / runs;
+        check.phi_fit[k] += solution.phi[k] / runs;
       }
-    const auto n = static_cast<double>(bins);
+    }
+    const auto count = static_cast<double>(n);
     double mean = 0, signal = 0, missed = 0;
-    for (double v : data) mean += v / n;
-    for (std::size_t k = 0; k < bins; ++k) {
-      signal += (data[k] - mean) * (data[k] - mean) / n;
-      missed += rest[k] * rest[k] / n;
+    for (double v : check.phi) mean += v / count;
+    for (std::size_t k = 0; k < n; ++k) {
+      signal += (check.phi[k] - mean) * (check.phi[k] - mean) / count;
+      missed += (check.phi[k] - check.phi_fit[k]) * (check.phi[k] - check.phi_fit[k]) / count;
     }
     const double noise = (noise_.wander_sd * noise_.wander_sd + noise_.white_sd * noise_.white_sd) / runs;
-    Description d;
-    d.chi2_per_dof = chi2 / std::max(1.0, samples - constants);
-    d.signal_to_noise = std::sqrt(std::max(0.0, signal - noise) / noise);
-    d.explained = signal > noise ? 1 - std::max(0.0, missed - noise) / (signal - noise) : 0;
-    return d;
+    check.chi2_per_dof = chi2 / std::max(1.0, samples - fitted);
+    check.signal_to_noise = std::sqrt(std::max(0.0, signal - noise) / noise);
+    check.explained = signal > noise ? 1 - std::max(0.0, missed - noise) / (signal - noise) : 0;
+    return check;
   }
 
  private:
@@ -203,38 +214,18 @@ std::vector<TransientCheck> check_groups(const DilationFit& dilation, const Dila
                                          const NoiseModel& seeds) {
   const TransientProblem& problem = dilation.problem();
   const Checks checks(problem, seeds);
-  const std::vector<CorrelatedResiduals> fitted = dilation.residuals(model, x, settled.weights);
+  const TransientConstants all = problem.constants(model, dilation.law(), settled.weights, x, {});
   std::vector<TransientCheck> list;
   for (std::size_t group = 0; group < problem.groups(); ++group) {
-    TransientCheck check;
-    double conditions_share = 0;
-    std::size_t in_condition = 0, condition = 0;
-    for (const BinnedTransient& run : problem.runs()) {
-      if (run.group != group) continue;
-      if (check.seeds++ == 0) {
-        const Transient& t = *run.transient;
-        check.kind = t.kind;
-        check.I_before = t.I_before, check.I_driven = t.I_driven;
-        check.load_before = t.load_before, check.load = t.load;
-        check.packing_friction = t.packing_friction;
-        check.s = run.s;
-        condition = run.condition;
-      }
-    }
-    for (const BinnedTransient& run : problem.runs()) in_condition += run.condition == condition;
-    conditions_share = static_cast<double>(check.seeds) / static_cast<double>(in_condition);
-    check.phi.assign(check.s.size(), 0.0), check.phi_fit.assign(check.s.size(), 0.0);
-    for (std::size_t r = 0; r < fitted.size(); ++r)
-      for (std::size_t k = 0; problem.runs()[r].group == group && k < check.s.size(); ++k) {
-        if (k >= problem.runs()[r].phi.size()) continue;
-        check.phi[k] += problem.runs()[r].phi[k] / static_cast<double>(check.seeds);
-        check.phi_fit[k] += (problem.runs()[r].phi[k] - fitted[r].residuals(static_cast<Eigen::Index>(k))) /
-                            static_cast<double>(check.seeds);
-      }
-    const Description d = checks.describe(group, fitted, static_cast<double>(check.seeds) + conditions_share);
-    check.chi2_per_dof = d.chi2_per_dof, check.explained = d.explained;
-    check.signal_to_noise = d.signal_to_noise;
-    if (problem.groups() > 1 && !x.empty()) {
+    // Each run has its phi_0, and a share in the offset of its condition.
+    double in_group = 0, in_condition = 0;
+    std::size_t condition = 0;
+    for (const BinnedTransient& run : problem.runs())
+      if (run.group == group) condition = run.condition, ++in_group;
+    for (const BinnedTransient& run : problem.runs()) in_condition += run.condition == condition ? 1 : 0;
+    TransientCheck check =
+        checks.describe(group, model, dilation.law(), x, all, in_group + in_group / in_condition);
+    if (problem.groups() > 1) {
       TransientProblem::Choice without;
       without.without_group = group;
       try {
@@ -245,9 +236,8 @@ std::vector<TransientCheck> check_groups(const DilationFit& dilation, const Dila
         only.offsets = false;
         const TransientConstants constants =
             problem.constants(model, dilation.law(), checks.weights(), rest.values, only);
-        const Description predicted =
-            checks.describe(group, problem.residuals(model, dilation.law(), rest.values, constants),
-                            static_cast<double>(check.seeds));
+        const TransientCheck predicted =
+            checks.describe(group, model, dilation.law(), rest.values, constants, in_group);
         check.predicted = true;
         check.predicted_chi2_per_dof = predicted.chi2_per_dof;
         check.predicted_explained = predicted.explained;

@@ -209,7 +209,7 @@ struct TransientCheck {
   /// The same by the law fitted to all others, with no offset; phi_0 of each run is free.
   bool predicted = false;
   double predicted_chi2_per_dof = 0, predicted_explained = 0;
-  std::vector<double> s, phi, phi_fit;  ///< means over the seeds, in bins
+  std::vector<double> s, phi, phi_fit;  ///< means over the seeds, to the end of the shortest run
 };
 
 /// One transient with the fitted evolution beside it, on the samples of the observables.

@@ -158,10 +158,10 @@ std::string transient_figure(const char* name, const std::vector<Curve>& curves,
   top = std::max(top, all[all.size() - 1 - tail]);
   const double margin = 0.08 * std::max(top - bottom, 1e-6);
   script += fmt::format(
-      "set yrange [{:.6g}:{:.6g}]\nset key top right\nset xlabel 'shear strain s'\nset ylabel '{}'\n",
-      bottom - margin, top + margin, symbol);
+      "set yrange [{:.6g}:{:.6g}]\nset key {}\nset xlabel 'shear strain s'\nset ylabel '{}'\n",
+      bottom - margin, top + margin, curves.size() > 8 ? "outside below maxcols 3" : "top right", symbol);
   script += fmt::format("set label 1 {} at graph 1,1.04 right textcolor rgb '#5b6876'\n", quoted(fitted));
-  return render_svg(name, script + plot + "\n", 720, 400);
+  return render_svg(name, script + plot + "\n", 720, curves.size() > 8 ? 520 : 400);
 }
 
 std::string group_label(const TransientCheck& c) {
@@ -299,7 +299,7 @@ std::string figure_residuals(const Fit& fit) {
     script += block(name, text);
   }
   script +=
-      "set multiplot layout 2,2 margins 0.09,0.98,0.12,0.96 spacing 0.09,0.16\n"
+      "set multiplot layout 2,2 margins 0.09,0.96,0.11,0.97 spacing 0.1,0.16\n"
       "set ylabel 'residual, standard errors' offset 1.5\nset yrange [-4:4]\nset xzeroaxis lw 1 lc rgb "
       "'#8a95a1'\n";
   const std::array<std::pair<const char*, const char*>, 4> axes{{{"1", "inertial number I"},
@@ -310,12 +310,13 @@ std::string figure_residuals(const Fit& fit) {
     script += std::string_view(column) == "1" ? "set logscale x\nset format x '10^{%L}'\n"
                                               : "unset logscale x\nset format x '%g'\n";
     script += fmt::format(
-        "set xlabel '{0}'\nplot $mu using {1}:5 with points pt 7 ps 0.5 lc rgb '{2}' title 'μ', $phi using "
+        "set xtics {4}\nset xlabel '{0}'\nplot $mu using {1}:5 with points pt 7 ps 0.5 lc rgb '{2}' title "
+        "'μ', $phi using "
         "{1}:5 "
         "with points pt 6 ps 0.6 lc rgb '{3}' title 'φ'\nunset key\n",
-        label, column, colour(0), colour(1));
+        label, column, colour(0), colour(1), std::string_view(column) == "3" ? "0.04" : "autofreq");
   }
-  return render_svg("residuals", script + "unset multiplot\n", 720, 520);
+  return render_svg("residuals", script + "unset multiplot\n", 720, 560);
 }
 
 std::string figure_likelihoods(const Fit& fit) {
