@@ -276,6 +276,58 @@ TransientFit seen(const Transient& t, const Fit& fit, const TransientSolution& s
   return out;
 }
 
+/// Of the coordinates: from the whitened fit, or the spread over runs (jackknife) where that is larger.
+Matrix covariance_of_coordinates(Fit& fit, const DilationFit& dilation, const DilationModel& law,
+                                 const Settled& settled, const Matrix& whitened) {
+  const std::vector<double>& best = settled.result.values;
+  const std::size_t n = best.size();
+  Matrix out;
+  for (std::size_t k = 0; k < n; ++k)
+    out.emplace_back(whitened[k].begin(), whitened[k].begin() + static_cast<std::ptrdiff_t>(n));
+  const double s_star = std::exp(best[0]);  // ln s* is the first of every member
+  fit.s_star_error_least_squares = s_star * root(out[0][0]);
+  const std::vector<bool>& at_bound = settled.result.at_bound;
+  if (dilation.problem().runs().size() < 3 ||
+      std::find(at_bound.begin(), at_bound.end(), true) != at_bound.end())
+    return out;
+  const std::vector<std::vector<double>> without =
+      dilation.problem().without_each_run(law, dilation.law(), settled.weights, best);
+  for (std::size_t k = 0; k < n; ++k) {
+    std::vector<double> values;
+    for (const std::vector<double>& x : without) values.push_back(x[k]);
+    const double jackknife = jackknife_variance(values);
+    if (k == 0) fit.s_star_error_jackknife = s_star * root(jackknife);
+    if (!(jackknife > whitened[k][k])) continue;
+    const double larger = std::sqrt(jackknife / whitened[k][k]);
+    for (std::size_t b = 0; b < n; ++b) out[k][b] *= larger, out[b][k] *= larger;
+  }
+  return out;
+}
+
+/// How far the steady law of phi, which is held, moves the coordinates: central differences over one standard
+/// error of each of its own.
+Matrix by_law_of_phi(const DilationFit& dilation, const DilationModel& law, const Settled& settled,
+                     const SteadyModel& phi, const std::vector<double>& coordinates,
+                     const Matrix& coordinate_covariance) {
+  const std::vector<double>& best = settled.result.values;
+  Matrix out(best.size(), std::vector<double>(coordinates.size(), 0.0));
+  const auto at = [&](std::size_t c, double step) {
+    std::vector<double> x = coordinates;
+    x[c] += step;
+    return solve_least_squares(
+               dilation.problem().problem(law, solid_fraction_at(phi, x), settled.weights, best))
+        .values;
+  };
+  for (std::size_t c = 0; c < coordinates.size(); ++c) {
+    const double step = root(coordinate_covariance[c][c]);
+    if (!(step > 0)) continue;
+    const std::vector<double> below = at(c, -step), above = at(c, step);
+    for (std::size_t k = 0; k < best.size(); ++k)
+      if (!settled.result.at_bound[k]) out[k][c] = (above[k] - below[k]) / (2 * step);
+  }
+  return out;
+}
+
 }  // namespace
 
 Matrix fit_dilation(Fit& fit, const SelectedData& selected, const SteadyModel& model,
@@ -348,49 +400,14 @@ Matrix fit_dilation(Fit& fit, const SelectedData& selected, const SteadyModel& m
   for (const LawFit& member : fit.dilation_members)
     if (member.member == out.member) out.AICc = member.AICc, out.BIC = member.BIC;
 
-  // Errors of the coordinates: from the whitened fit, or the spread over runs where that is larger.
-  Matrix of_coordinates(n, std::vector<double>(n, 0.0));
-  for (std::size_t a = 0; a < n; ++a)
-    for (std::size_t b = 0; b < n; ++b) of_coordinates[a][b] = covariance[a][b];
   const NaturalParameters natural = law->natural(best);
-  const std::size_t runs = problem.runs().size();
-  fit.s_star_error_least_squares = natural.by_coordinate[0][0] * root(covariance[0][0]);
-  if (runs >= 3 && std::none_of(at_bound.begin(), at_bound.end(), [](bool b) { return b; })) {
-    const std::vector<std::vector<double>> without =
-        problem.without_each_run(*law, dilation.law(), settled.weights, best);
-    for (std::size_t k = 0; k < n; ++k) {
-      std::vector<double> values;
-      for (const std::vector<double>& x : without) values.push_back(x[k]);
-      const double jackknife = jackknife_variance(values);
-      if (k == 0) fit.s_star_error_jackknife = natural.by_coordinate[0][0] * root(jackknife);
-      if (!(jackknife > covariance[k][k])) continue;
-      const double larger = std::sqrt(jackknife / covariance[k][k]);
-      for (std::size_t b = 0; b < n; ++b) of_coordinates[k][b] *= larger, of_coordinates[b][k] *= larger;
-    }
-  }
-  // How far the steady law, which is held, moves them: central differences over one standard error of each of
-  // its coordinates.
-  Matrix by_coordinate(n, std::vector<double>(coordinates.size(), 0.0));
-  for (std::size_t c = 0; c < coordinates.size(); ++c) {
-    const double step = root(coordinate_covariance[c][c]);
-    if (!(step > 0)) continue;
-    std::array<std::vector<double>, 2> moved;
-    for (int side = 0; side < 2; ++side) {
-      std::vector<double> x = coordinates;
-      x[c] += side == 0 ? -step : step;
-      moved[static_cast<std::size_t>(side)] =
-          solve_least_squares(problem.problem(*law, solid_fraction_at(model, x), settled.weights, best))
-              .values;
-    }
-    for (std::size_t k = 0; k < n; ++k)
-      if (!at_bound[k]) by_coordinate[k][c] = (moved[1][k] - moved[0][k]) / (2 * step);
-  }
-  const Matrix of_law = propagate(by_coordinate, coordinate_covariance);
+  const Matrix by_phi = by_law_of_phi(dilation, *law, settled, model, coordinates, coordinate_covariance);
+  out.coordinate_covariance = covariance_of_coordinates(fit, dilation, *law, settled, covariance);
+  const Matrix of_law = propagate(by_phi, coordinate_covariance);
   for (std::size_t a = 0; a < n; ++a)
-    for (std::size_t b = 0; b < n; ++b) of_coordinates[a][b] += of_law[a][b];
-  out.coordinate_covariance = of_coordinates;
-  out.covariance = propagate(natural.by_coordinate, of_coordinates);
-  Matrix by_law(n, std::vector<double>(coordinates.size(), 0.0));
+    for (std::size_t b = 0; b < n; ++b) out.coordinate_covariance[a][b] += of_law[a][b];
+  out.covariance = propagate(natural.by_coordinate, out.coordinate_covariance);
+  Matrix by_law;  // of the parameters themselves
   for (std::size_t k = 0; k < n; ++k) {
     const std::string& name = law->parameters()[k];
     const double variance = out.covariance[k][k];
@@ -398,12 +415,12 @@ Matrix fit_dilation(Fit& fit, const SelectedData& selected, const SteadyModel& m
         law->coordinates()[k].name == name
             ? symmetric_estimate(name, natural.values[k], variance, out.interval_factor, at_bound[k])
             : positive_estimate(name, natural.values[k], variance, out.interval_factor, at_bound[k]));
-    for (std::size_t c = 0; c < coordinates.size(); ++c)
-      by_law[k][c] = natural.by_coordinate[k][k] * by_coordinate[k][c];
+    by_law.push_back(by_phi[k]);
+    for (double& v : by_law.back()) v *= natural.by_coordinate[k][k];
   }
 
   std::vector<TransientSolution> solutions;
-  for (std::size_t r = 0; r < runs; ++r) {
+  for (std::size_t r = 0; r < problem.runs().size(); ++r) {
     solutions.push_back(problem.solution(*law, dilation.law(), best, constants, r));
     TransientFit one = seen(*problem.runs()[r].transient, fit, solutions.back());
     one.phi_offset = constants.offset[problem.runs()[r].condition];
