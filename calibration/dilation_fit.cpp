@@ -343,7 +343,7 @@ Matrix fit_dilation(Fit& fit, const SelectedData& selected, const SteadyModel& m
                                           law->coordinates().size());
   const bool seeds_known = fit.seed_noise.strain_scale > 0;
   if (options.compare) {
-    // The noise as the seeds show it, without any law, if they do; else what phi_relaxes leaves.
+    // The noise as the seeds show it, without any law, if they do; else what the first fit leaves.
     const NoiseModel& noise = seeds_known ? fit.seed_noise : settled.noise;
     const TransientProblem::Weights weights = problem.whitening(noise);
     const double independent = independent_samples(noise, problem);

@@ -30,17 +30,19 @@ const ParameterTable chain_table{"chain",
 struct Variant {
   const char* folder;
   const char* label;
-  const char* dilation;
+  bool dilation;
 };
-constexpr Variant variants[] = {{"flow_without_dilation", "without dilation", "none"},
-                                {"flow_with_dilation", "with dilation (Eq. 5.22)", "evolve"}};
+constexpr Variant variants[] = {{"flow_without_dilation", "without dilation", false},
+                                {"flow_with_dilation", "with dilation (Eq. 5.22)", true}};
 
 /// The case as one variant of the flow needs it.
-CaseFile case_of(const Variant& variant, const fs::path& path, std::vector<std::string> overrides) {
-  overrides.push_back(fmt::format("flow.dilation={}", variant.dilation));
+CaseFile case_of(const Variant& variant, const LawFile& law, const fs::path& path,
+                 std::vector<std::string> overrides) {
+  const char* evolves = law.dilation.member == "printed" ? "evolve_printed" : "evolve";
+  overrides.push_back(fmt::format("flow.dilation={}", variant.dilation ? evolves : "none"));
   CaseFile file = load_case(path, overrides);
-  if (std::string_view(variant.dilation) == "none")
-    for (const char* key : {"beta_lowest", "beta_highest"}) file.erase("flow", key);
+  if (!variant.dilation)
+    for (const char* key : {"beta_lowest", "beta_highest", "beta_share"}) file.erase("flow", key);
   return file;
 }
 
@@ -57,6 +59,7 @@ LawFile placeholder_law() {
       "rational", {parameter("mu_l", 0.38), parameter("mu_h", 0.64), parameter("D_star", 0.28)}, 0};
   law.solid_fraction = {"linear", {parameter("phi_c", 0.6), parameter("b", 0.2)}, 0};
   law.dilation = {"phi_relaxes", {parameter("s_star", 0.3)}, 0};
+  law.I = {1e-3, 1};
   return law;
 }
 
@@ -134,7 +137,8 @@ std::string plan_chain(const CaseFile& file, const CommonOptions& options) {
     } else {
       text += "with a typical law in place of the fitted one:\n";
       for (const Variant& variant : variants)
-        text += plan_flow(case_of(variant, file.path(), options.overrides), placeholder_law());
+        text +=
+            plan_flow(case_of(variant, placeholder_law(), file.path(), options.overrides), placeholder_law());
     }
   }
   if (text.empty())
@@ -148,7 +152,7 @@ json run_chain(const fs::path& case_path, const fs::path& folder, const CommonOp
   const CaseFile cell = shear_cell_case(file);
   check_chain(file, cell);
   for (const Variant& variant : variants)
-    plan_flow(case_of(variant, case_path, options.overrides), placeholder_law());
+    plan_flow(case_of(variant, placeholder_law(), case_path, options.overrides), placeholder_law());
   const Section fit_section = file.section(fit_table);
   const FitOptions fit_options = FitOptions::from(fit_section);
   fs::create_directories(folder);
@@ -188,7 +192,7 @@ json run_chain(const fs::path& case_path, const fs::path& folder, const CommonOp
   json flows = json::array();
   for (const Variant& variant : variants) {
     Stopwatch flow_time;
-    if (std::string_view(variant.dilation) == "evolve" && law.dilation.member == "none") {
+    if (variant.dilation && law.dilation.member == "none") {
       spdlog::warn("no start-ups, so no law of dilation: the flow with dilation is left out");
       continue;
     }
@@ -198,7 +202,7 @@ json run_chain(const fs::path& case_path, const fs::path& folder, const CommonOp
     flow_options.reuse = true;
     flow_options.quiet = options.quiet;
     flow_options.threads = options.threads;
-    const json summary = run_flow(case_of(variant, case_path, options.overrides), law, flow_options);
+    const json summary = run_flow(case_of(variant, law, case_path, options.overrides), law, flow_options);
     const std::string file_name = fmt::format("{}/summary.json", variant.folder);
     flows.push_back({{"label", variant.label}, {"summary", file_name}});
     steps.push_back(

@@ -223,6 +223,10 @@ TEST_F(CommandLine, RunRefusesBeforeTheFirstGrain) {
   refused("flow.wall_stress_share=0.3", "changes nothing");
   refused("flow.dilation=none", "with and without dilation");
   expect(run({"plan", example("column_collapse"), "--set", "flow.beta_lowest=-0.2"}), 0, "dilation evolve");
+  // Before the law is fitted: what only one of the two flows, or only a fitted law, can use.
+  expect(run({"plan", example("column_collapse"), "--set", "flow.beta_share=0.65", "--set",
+              "flow.extrapolate=clamp"}),
+         0, "dilation evolve");
 }
 
 TEST_F(CommandLine, ErrorsAreInTheLogToo) {
