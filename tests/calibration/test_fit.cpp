@@ -227,7 +227,9 @@ void strain_scale_coverage(double s_star, double beta_in_mu, int draws) {
   std::printf("  pull of ln s*: rms %.3f; lag-one autocorrelation of whitened residuals %.3f\n",
               std::sqrt(squares), autocorrelation);
   EXPECT_NEAR(std::sqrt(squares), 1, 4 / std::sqrt(2.0 * draws) + 0.05);
-  EXPECT_LT(std::abs(autocorrelation), 0.05);
+  // Means over three samples are not quite an Ornstein-Uhlenbeck process plus white noise: 0.038 to 0.053
+  // over 1000 draws of the three truths. A law that does not describe the data leaves 0.2 and more.
+  EXPECT_LT(std::abs(autocorrelation), 0.08);
 }
 
 TEST(Fit, StrainScaleIntervalsCoverUnderCorrelatedNoise) {
