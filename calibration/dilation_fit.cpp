@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <limits>
 #include <memory>
@@ -104,6 +103,7 @@ class DilationFit {
     out.member = member;
     std::vector<double> x;
     if (!m->coordinates().empty()) {
+      // Three starts: only chi2 is wanted, and no start of any member has missed it by more than 1.
       const LeastSquaresResult result = solve(*m, weights, m->start(), std::min(3L, options_.starts));
       x = result.values;
       const NaturalParameters natural = m->natural(x);
@@ -127,8 +127,8 @@ class DilationFit {
     out.degrees_of_freedom = static_cast<double>(samples) - k;
     out.chi2_per_dof = out.degrees_of_freedom > 0 ? out.chi2 / out.degrees_of_freedom : 0;
     // The noise is the same for all members, so its determinant drops out.
-    out.AICc = independent - k - 1 > 0 ? out.chi2 + 2 * k + 2 * k * (k + 1) / (independent - k - 1)
-                                       : out.chi2 + 2 * k;
+    const double corrected = corrected_AIC(out.chi2, independent, k);
+    out.AICc = std::isfinite(corrected) ? corrected : out.chi2 + 2 * k;  // nothing to correct with
     out.BIC = out.chi2 + k * std::log(std::max(2.0, independent));
     return out;
   }
@@ -146,41 +146,37 @@ double independent_samples(const NoiseModel& noise, const TransientProblem& prob
   return count;
 }
 
-/// How well a law describes the mean trace of a group of twins, beyond what their noise would hide.
+/// How well a law describes the groups of twins, beyond what their noise would hide.
 class Checks {
  public:
-  Checks(const TransientProblem& problem, const NoiseModel& noise)
-      : problem_(problem), noise_(noise), weights_(problem.whitening(noise)) {}
+  Checks(const DilationFit& dilation, const DilationModel& model, const NoiseModel& noise)
+      : problem_(dilation.problem()),
+        law_(dilation.law()),
+        model_(model),
+        noise_(noise),
+        weights_(problem_.whitening(noise)) {}
 
-  const TransientProblem::Weights& weights() const { return weights_; }
-
-  /// `x` and `constants` are those of the law; `fitted`: how many constants were fitted to this group.
-  TransientCheck describe(std::size_t group, const DilationModel& model, const SteadySolidFraction& law,
-                          const std::vector<double>& x, const TransientConstants& constants,
-                          double fitted) const {
-    const std::vector<CorrelatedResiduals> left = problem_.residuals(model, law, x, constants);
+  /// By the law at `x`; `fitted`: how many of `constants` were fitted to this group.
+  TransientCheck describe(const std::vector<std::size_t>& group, const std::vector<double>& x,
+                          const TransientConstants& constants, double fitted) const {
+    const Transient& first = *problem_.runs()[group.front()].transient;
     TransientCheck check;
-    double chi2 = 0, samples = 0;
-    // The runs of a group share their axis of strain; some end a little earlier.
+    check.kind = first.kind;
+    check.I_before = first.I_before, check.I_driven = first.I_driven;
+    check.load_before = first.load_before, check.load = first.load;
+    check.packing_friction = first.packing_friction;
+    check.seeds = std::ssize(group);
+    const auto runs = static_cast<double>(group.size());
+    // They share their axis of strain; some end a little earlier.
     std::size_t n = std::numeric_limits<std::size_t>::max();
-    for (std::size_t r = 0; r < left.size(); ++r) {
-      const BinnedTransient& run = problem_.runs()[r];
-      if (run.group != group) continue;
-      chi2 += (weights_[r] * left[r].residuals).squaredNorm();
-      samples += static_cast<double>(left[r].s.size());
-      const Transient& t = *run.transient;
-      n = std::min(n, t.s.size());
-      check.kind = t.kind;
-      check.I_before = t.I_before, check.I_driven = t.I_driven;
-      check.load_before = t.load_before, check.load = t.load;
-      check.packing_friction = t.packing_friction;
-      ++check.seeds;
-    }
-    const auto runs = static_cast<double>(check.seeds);
+    for (const std::size_t r : group) n = std::min(n, problem_.runs()[r].transient->s.size());
     check.s.assign(n, 0.0), check.phi.assign(n, 0.0), check.phi_fit.assign(n, 0.0);
-    for (std::size_t r = 0; r < left.size(); ++r) {
-      if (problem_.runs()[r].group != group) continue;
-      const TransientSolution solution = problem_.solution(model, law, x, constants, r);
+    double chi2 = 0, samples = 0;
+    for (const std::size_t r : group) {
+      const CorrelatedResiduals left = problem_.residuals_of(r, model_, law_, x, constants);
+      chi2 += (weights_[r] * left.residuals).squaredNorm();
+      samples += static_cast<double>(left.s.size());
+      const TransientSolution solution = problem_.solution(model_, law_, x, constants, r);
       const Transient& t = *problem_.runs()[r].transient;
       for (std::size_t k = 0; k < n; ++k) {
         check.s[k] += t.s[k] / runs;
@@ -195,56 +191,59 @@ class Checks {
       signal += (check.phi[k] - mean) * (check.phi[k] - mean) / count;
       missed += (check.phi[k] - check.phi_fit[k]) * (check.phi[k] - check.phi_fit[k]) / count;
     }
-    const double noise = (noise_.wander_sd * noise_.wander_sd + noise_.white_sd * noise_.white_sd) / runs;
+    const double noise = noise_.variance() / runs;
     check.chi2_per_dof = chi2 / std::max(1.0, samples - fitted);
     check.signal_to_noise = std::sqrt(std::max(0.0, signal - noise) / noise);
     check.explained = signal > noise ? 1 - std::max(0.0, missed - noise) / (signal - noise) : 0;
     return check;
   }
 
+  /// What a law at `x` that was fitted to others makes of a group: no offset, phi_0 of each run free.
+  TransientCheck predict(std::size_t index, const std::vector<std::size_t>& group,
+                         const std::vector<double>& x) const {
+    TransientProblem::Choice only;
+    only.only_group = index;
+    only.offsets = false;
+    return describe(group, x, problem_.constants(model_, law_, weights_, x, only),
+                    static_cast<double>(group.size()));
+  }
+
  private:
   const TransientProblem& problem_;
+  const SteadySolidFraction& law_;
+  const DilationModel& model_;
   NoiseModel noise_;
   TransientProblem::Weights weights_;
 };
 
-/// Every group by the fitted law, and by a law that was fitted without it (offset 0, phi_0 of each run free).
+/// Every group by the fitted law, and by a law that was fitted without it.
 std::vector<TransientCheck> check_groups(const DilationFit& dilation, const DilationModel& model,
-                                         const std::vector<double>& x, const Settled& settled,
+                                         const Settled& settled, const TransientConstants& constants,
                                          const NoiseModel& seeds) {
   const TransientProblem& problem = dilation.problem();
-  const Checks checks(problem, seeds);
-  const TransientConstants all = problem.constants(model, dilation.law(), settled.weights, x, {});
+  const std::vector<double>& x = settled.result.values;
+  const Checks checks(dilation, model, seeds);
+  const std::vector<std::vector<std::size_t>> groups = problem.twins();
+  std::vector<double> in_condition(problem.conditions(), 0.0);
+  for (const BinnedTransient& run : problem.runs()) ++in_condition[run.condition];
   std::vector<TransientCheck> list;
-  for (std::size_t group = 0; group < problem.groups(); ++group) {
+  for (std::size_t g = 0; g < groups.size(); ++g) {
     // Each run has its phi_0, and a share in the offset of its condition.
-    double in_group = 0, in_condition = 0;
-    std::size_t condition = 0;
-    for (const BinnedTransient& run : problem.runs())
-      if (run.group == group) condition = run.condition, ++in_group;
-    for (const BinnedTransient& run : problem.runs()) in_condition += run.condition == condition ? 1 : 0;
-    TransientCheck check =
-        checks.describe(group, model, dilation.law(), x, all, in_group + in_group / in_condition);
-    if (problem.groups() > 1) {
-      TransientProblem::Choice without;
-      without.without_group = group;
-      try {
-        const LeastSquaresResult rest =
-            solve_least_squares(problem.problem(model, dilation.law(), settled.weights, x, without));
-        TransientProblem::Choice only;
-        only.only_group = group;
-        only.offsets = false;
-        const TransientConstants constants =
-            problem.constants(model, dilation.law(), checks.weights(), rest.values, only);
-        const TransientCheck predicted =
-            checks.describe(group, model, dilation.law(), rest.values, constants, in_group);
-        check.predicted = true;
-        check.predicted_chi2_per_dof = predicted.chi2_per_dof;
-        check.predicted_explained = predicted.explained;
-      } catch (const IdentifiabilityError&) {  // the others do not tell the law: `predicted` stays false
-      }
+    const auto runs = static_cast<double>(groups[g].size());
+    const double share = runs / in_condition[problem.runs()[groups[g].front()].condition];
+    list.push_back(checks.describe(groups[g], x, constants, runs + share));
+    if (groups.size() == 1) continue;
+    TransientProblem::Choice without;
+    without.without_group = g;
+    try {
+      const LeastSquaresResult rest =
+          solve_least_squares(problem.problem(model, dilation.law(), settled.weights, x, without));
+      const TransientCheck predicted = checks.predict(g, groups[g], rest.values);
+      list.back().predicted = true;
+      list.back().predicted_chi2_per_dof = predicted.chi2_per_dof;
+      list.back().predicted_explained = predicted.explained;
+    } catch (const IdentifiabilityError&) {  // the others do not tell the law: `predicted` stays false
     }
-    list.push_back(std::move(check));
   }
   return list;
 }
@@ -328,6 +327,35 @@ Matrix by_law_of_phi(const DilationFit& dilation, const DilationModel& law, cons
   return out;
 }
 
+/// All members with one noise: that which the seeds show, without any law, or what the first fit leaves.
+std::vector<LawFit> compare_members(const DilationFit& dilation, const NoiseModel& noise) {
+  const TransientProblem::Weights weights = dilation.problem().whitening(noise);
+  const double independent = independent_samples(noise, dilation.problem());
+  std::vector<LawFit> members;
+  for (const std::string& member : dilation_members) {
+    try {
+      members.push_back(dilation.compare(member, weights, independent));
+    } catch (const IdentifiabilityError& error) {  // of one member: the comparison says so
+      members.push_back(not_fitted(member, error.what()));
+    }
+  }
+  return members;
+}
+
+/// phi_relaxes, the first, unless another one that a flow can run is decisively better.
+std::string preferred(const std::vector<LawFit>& members) {
+  std::string chosen = members.front().member;
+  double least = members.front().AICc - decisive_AICc;
+  for (std::size_t k = 1; k < members_of_flows; ++k) {
+    const LawFit& other = members[k];
+    const bool usable =
+        other.failure.empty() && std::none_of(other.parameters.begin(), other.parameters.end(),
+                                              [](const Estimate& e) { return e.at_bound; });
+    if (usable && other.AICc < least) least = other.AICc, chosen = other.member;
+  }
+  return chosen;
+}
+
 }  // namespace
 
 Matrix fit_dilation(Fit& fit, const SelectedData& selected, const SteadyModel& model,
@@ -343,33 +371,11 @@ Matrix fit_dilation(Fit& fit, const SelectedData& selected, const SteadyModel& m
                                           law->coordinates().size());
   const bool seeds_known = fit.seed_noise.strain_scale > 0;
   if (options.compare) {
-    // The noise as the seeds show it, without any law, if they do; else what the first fit leaves.
-    const NoiseModel& noise = seeds_known ? fit.seed_noise : settled.noise;
-    const TransientProblem::Weights weights = problem.whitening(noise);
-    const double independent = independent_samples(noise, problem);
-    for (const std::string& member : dilation_members) {
-      try {
-        fit.dilation_members.push_back(dilation.compare(member, weights, independent));
-      } catch (const IdentifiabilityError& error) {  // of one member: the comparison says so
-        fit.dilation_members.emplace_back();
-        fit.dilation_members.back().member = member;
-        fit.dilation_members.back().failure = error.what();
-      }
-    }
-    if (options.dilation == "best") {
-      const LawFit& first = fit.dilation_members.front();
-      double least = first.AICc - decisive_AICc;
-      for (std::size_t k = 1; k < members_of_flows; ++k) {
-        const LawFit& other = fit.dilation_members[k];
-        const bool usable =
-            other.failure.empty() && std::none_of(other.parameters.begin(), other.parameters.end(),
-                                                  [](const Estimate& e) { return e.at_bound; });
-        if (usable && other.AICc < least) least = other.AICc, chosen = other.member;
-      }
-      if (chosen != law->name()) {
-        law = dilation.model(chosen);
-        settled = dilation.settle(*law);
-      }
+    fit.dilation_members = compare_members(dilation, seeds_known ? fit.seed_noise : settled.noise);
+    if (options.dilation == "best") chosen = preferred(fit.dilation_members);
+    if (chosen != law->name()) {
+      law = dilation.model(chosen);
+      settled = dilation.settle(*law);
     }
   }
   const std::vector<double>& best = settled.result.values;
@@ -410,11 +416,8 @@ Matrix fit_dilation(Fit& fit, const SelectedData& selected, const SteadyModel& m
   Matrix by_law;  // of the parameters themselves
   for (std::size_t k = 0; k < n; ++k) {
     const std::string& name = law->parameters()[k];
-    const double variance = out.covariance[k][k];
-    out.parameters.push_back(
-        law->coordinates()[k].name == name
-            ? symmetric_estimate(name, natural.values[k], variance, out.interval_factor, at_bound[k])
-            : positive_estimate(name, natural.values[k], variance, out.interval_factor, at_bound[k]));
+    out.parameters.push_back(estimate_of(name, law->coordinates()[k], natural.values[k], out.covariance[k][k],
+                                         out.interval_factor, at_bound[k]));
     by_law.push_back(by_phi[k]);
     for (double& v : by_law.back()) v *= natural.by_coordinate[k][k];
   }
@@ -429,7 +432,7 @@ Matrix fit_dilation(Fit& fit, const SelectedData& selected, const SteadyModel& m
         symmetric_estimate("phi_0", constants.phi_0[r], covariance[of_phi_0][of_phi_0], out.interval_factor);
     fit.transients.push_back(std::move(one));
   }
-  if (seeds_known) fit.transient_checks = check_groups(dilation, *law, best, settled, fit.seed_noise);
+  if (seeds_known) fit.transient_checks = check_groups(dilation, *law, settled, constants, fit.seed_noise);
   const BetaInMu shares = regress_mu_on_beta(fit, problem, solutions, n, covariance);
   fit.beta_in_mu = shares.share;
   fit.beta_in_mu_by_kind = shares.by_kind;

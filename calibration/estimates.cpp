@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 #include "calibration/statistics.hpp"
@@ -32,6 +33,24 @@ Estimate positive_estimate(std::string name, double value, double variance, doub
   const double error = std::sqrt(std::max(0.0, variance));
   const double stretch = std::exp(factor * error / value);
   return {std::move(name), value, error, value / stretch, value * stretch, at_bound};
+}
+
+Estimate estimate_of(const std::string& name, const Coordinate& coordinate, double value, double variance,
+                     double factor, bool at_bound) {
+  return coordinate.is_logarithm_of(name) ? positive_estimate(name, value, variance, factor, at_bound)
+                                          : symmetric_estimate(name, value, variance, factor, at_bound);
+}
+
+double corrected_AIC(double minus_two_log_likelihood, double n, double k) {
+  return n - k - 1 > 0 ? minus_two_log_likelihood + 2 * k + 2 * k * (k + 1) / (n - k - 1)
+                       : std::numeric_limits<double>::infinity();
+}
+
+LawFit not_fitted(const std::string& member, const std::string& why) {
+  LawFit law;
+  law.member = member;
+  law.failure = why;
+  return law;
 }
 
 }  // namespace dem2sph

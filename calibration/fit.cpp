@@ -64,9 +64,7 @@ std::unique_ptr<SteadyModel> fit_family(const Family& family, const std::vector<
         members.push_back(candidate.law);
         fits.try_emplace(member, std::move(model), std::move(candidate));
       } catch (const IdentifiabilityError& error) {  // of one member: the comparison says so
-        members.emplace_back();
-        members.back().member = member;
-        members.back().failure = error.what();
+        members.push_back(not_fitted(member, error.what()));
         reasons = error.what();
       }
     }
@@ -145,6 +143,14 @@ void warn_of_evidence(Fit& fit) {
 void judge(Fit& fit) {
   const auto warn = [&](std::string text) { fit.warnings.push_back(std::move(text)); };
   std::vector<std::string> unknown;
+  const auto known = [&](const LawFit& law) {  // its parameters with their intervals
+    std::vector<std::string> list;
+    for (const Estimate& e : law.parameters) {
+      list.push_back(fmt::format("{} = {}", e.name, interval(e)));
+      if (open(e)) unknown.push_back(e.name);
+    }
+    return fmt::format("{}", fmt::join(list, ", "));
+  };
   std::string text;
   const std::string& member = fit.friction.member;
   if (member == "rational" || member == "exponential") {
@@ -174,28 +180,12 @@ void judge(Fit& fit) {
     }
     if (open(mu_l)) unknown.push_back("mu_l");
   } else {
-    text = fmt::format("Friction is the {} law: ", member);
-    std::string separator;
-    for (const Estimate& e : fit.friction.parameters) {
-      text += fmt::format("{}{} = {}", separator, e.name, interval(e));
-      separator = ", ";
-      if (open(e)) unknown.push_back(e.name);
-    }
+    text = fmt::format("Friction is the {} law: {}", member, known(fit.friction));
   }
-  text += fmt::format("; solid fraction ({})", fit.solid_fraction.member);
-  for (const Estimate& e : fit.solid_fraction.parameters) {
-    text += fmt::format("{} {} = {}", &e == &fit.solid_fraction.parameters.front() ? "" : ",", e.name,
-                        interval(e));
-    if (open(e)) unknown.push_back(e.name);
-  }
+  text += fmt::format("; solid fraction ({}) {}", fit.solid_fraction.member, known(fit.solid_fraction));
   if (fit.dilation.member != "none") {
     const auto transients = [](std::size_t n) { return fmt::format("{} transient{}", n, n == 1 ? "" : "s"); };
-    text += fmt::format("; dilation ({})", fit.dilation.member);
-    for (const Estimate& e : fit.dilation.parameters) {
-      text +=
-          fmt::format("{} {} = {}", &e == &fit.dilation.parameters.front() ? "" : ",", e.name, interval(e));
-      if (open(e)) unknown.push_back(e.name);
-    }
+    text += fmt::format("; dilation ({}) {}", fit.dilation.member, known(fit.dilation));
     text += fmt::format(" from {}", transients(fit.transients.size()));
     const Estimate& s_star = fit.dilation["s_star"];
     if (fit.s.highest < 4 * s_star.value)
@@ -216,7 +206,8 @@ void judge(Fit& fit) {
                       "autocorrelation of "
                       "{:.2f}; its strain scales stand for the first decay, no more",
                       fit.dilation.member, fit.whitened_autocorrelation));
-    // Issue of a law, not of chance: chi2/dof of a group with hundreds of samples scatters by less than 0.1.
+    // chi2/dof of a group with hundreds of samples scatters by less than 0.1, so 1.5 is no chance; 90 % of a
+    // signal that stands clear of its noise is what a law of dilation is asked for.
     std::vector<std::string> poor;
     for (const TransientCheck& c : fit.transient_checks)
       if (c.chi2_per_dof > 1.5 || (c.signal_to_noise > 3 && c.explained < 0.9))

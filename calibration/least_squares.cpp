@@ -306,6 +306,39 @@ Coordinate logarithm(const char* of, double lower, double upper) {
   return {fmt::format("ln {}", of), std::log(lower), std::log(upper)};
 }
 
+// Exponentials of all coordinates, of members that are fitted in logarithms.
+template <class J, std::size_t N>
+std::array<J, N> exponentials(std::array<J, N> x) {
+  using std::exp;
+  for (J& one : x) one = exp(one);
+  return x;
+}
+
+// What the models of both kinds do with the coordinates of a member. `Jet` may have more derivatives than N.
+template <class Jet, std::size_t N>
+std::array<Jet, N> seeded(std::span<const double> x) {
+  std::array<Jet, N> jets;
+  for (std::size_t k = 0; k < N; ++k) jets[k] = Jet(x[k], static_cast<int>(k));
+  return jets;
+}
+template <class Jet, std::size_t N>
+NaturalParameters natural_parameters(const std::array<Jet, N>& jets) {
+  NaturalParameters result;
+  for (const Jet& p : jets) {
+    result.values.push_back(p.a);
+    result.by_coordinate.emplace_back(p.v.data(), p.v.data() + N);
+  }
+  return result;
+}
+template <std::size_t N>
+std::vector<double> within(const std::vector<Coordinate>& bounds, const std::array<double, N>& x) {
+  std::vector<double> inside;
+  for (std::size_t k = 0; k < N; ++k)
+    inside.push_back(
+        std::clamp(std::isfinite(x[k]) ? x[k] : bounds[k].lower, bounds[k].lower, bounds[k].upper));
+  return inside;
+}
+
 // A rising friction law from mu_l > 0 by a range > 0 on a scale of I.
 template <template <class> class Law>
 struct RangeAndScale {
@@ -334,8 +367,7 @@ struct PowerOfFriction {
   static constexpr std::size_t count = 3;
   template <class T>
   static std::array<T, 3> natural(const std::array<T, 3>& x) {
-    using std::exp;
-    return {exp(x[0]), exp(x[1]), exp(x[2])};
+    return exponentials(x);
   }
   static std::vector<Coordinate> coordinates(const ModelBounds& b) {
     return {logarithm("mu_l", least_friction_of_a_fit, b.mu_max),
@@ -352,8 +384,7 @@ struct LineOfFriction {
   static constexpr std::size_t count = 2;
   template <class T>
   static std::array<T, 2> natural(const std::array<T, 2>& x) {
-    using std::exp;
-    return {exp(x[0]), exp(x[1])};
+    return exponentials(x);
   }
   static std::vector<Coordinate> coordinates(const ModelBounds& b) {
     return {logarithm("mu_l", least_friction_of_a_fit, b.mu_max),
@@ -453,12 +484,7 @@ class ModelOf final : public SteadyModel {
   const std::vector<Coordinate>& coordinates() const override { return coordinates_; }
 
   NaturalParameters natural(std::span<const double> x) const override {
-    NaturalParameters result;
-    for (const Jet& p : Member::natural(jets(x))) {
-      result.values.push_back(p.a);
-      result.by_coordinate.emplace_back(p.v.data(), p.v.data() + N);
-    }
-    return result;
+    return natural_parameters(Member::natural(jets(x)));
   }
 
   bool evaluate(std::span<const double> x, double I, ModelValue& out) const override {
@@ -489,20 +515,11 @@ class ModelOf final : public SteadyModel {
   }
 
   std::vector<double> start(double first, double last, double I_last) const override {
-    const std::array<double, N> x = Member::start(first, last, I_last);
-    std::vector<double> inside;
-    for (std::size_t k = 0; k < N; ++k)
-      inside.push_back(std::clamp(std::isfinite(x[k]) ? x[k] : coordinates_[k].lower, coordinates_[k].lower,
-                                  coordinates_[k].upper));
-    return inside;
+    return within(coordinates_, Member::start(first, last, I_last));
   }
 
  private:
-  static std::array<Jet, N> jets(std::span<const double> x) {
-    std::array<Jet, N> seeded;
-    for (std::size_t k = 0; k < N; ++k) seeded[k] = Jet(x[k], static_cast<int>(k));
-    return seeded;
-  }
+  static std::array<Jet, N> jets(std::span<const double> x) { return seeded<Jet, N>(x); }
   static std::array<ceres::Jet<double, 1>, N> constants(const std::array<double, N>& values) {
     std::array<ceres::Jet<double, 1>, N> p;
     for (std::size_t k = 0; k < N; ++k) p[k] = ceres::Jet<double, 1>(values[k]);
@@ -559,57 +576,51 @@ struct Flowing {
   J phi, beta;
 };
 
-struct OneScale {
-  static constexpr std::size_t count = 1;
-  static constexpr const char* name = "phi_relaxes";
-  static std::vector<std::string> parameters() { return {"s_star"}; }
-  static std::vector<Coordinate> coordinates(double low, double high) {
-    return {logarithm("s_star", low, high)};
-  }
-  static std::array<double, 1> start() { return {std::log(0.4)}; }
-  template <class J>
-  static std::array<J, 1> natural(const std::array<J, 1>& x) {
-    return {exp(x[0])};
-  }
-  template <class J>
-  static J first_beta(const std::array<J, 1>&, const J&, const J&, bool) {
+// Of members whose beta follows from phi.
+struct WithoutOwnBeta {
+  template <class P, class J>
+  static J first_beta(const P&, const J&, const J&, bool) {
     return J(0.0);
-  }
-  template <class J>
-  static void advance(const std::array<J, 1>& p, Flowing<J>& state, const J& eq, const J&, const J&,
-                      double ds) {
-    state.phi = relax_solid_fraction(state.phi, eq, ds / p[0]);
-  }
-  template <class J>
-  static J beta(const std::array<J, 1>& p, const Flowing<J>& state, const J& eq) {
-    return dilation_rate(state.phi, eq, p[0]);
   }
 };
 
-struct TwoSided {
-  static constexpr std::size_t count = 2;
-  static constexpr const char* name = "two_sided";
-  static std::vector<std::string> parameters() { return {"s_star", "s_star_compacting"}; }
+// phi relaxes, over one scale or over one for each side.
+template <std::size_t scales>
+struct Relaxation : WithoutOwnBeta {
+  static constexpr std::size_t count = scales;
+  static constexpr const char* name = scales == 1 ? "phi_relaxes" : "two_sided";
+  static std::vector<std::string> parameters() {
+    return scales == 1 ? std::vector<std::string>{"s_star"}
+                       : std::vector<std::string>{"s_star", "s_star_compacting"};
+  }
   static std::vector<Coordinate> coordinates(double low, double high) {
-    return {logarithm("s_star", low, high), logarithm("s_star_compacting", low, high)};
+    std::vector<Coordinate> list;
+    for (const std::string& parameter : parameters()) list.push_back(logarithm(parameter.c_str(), low, high));
+    return list;
   }
-  static std::array<double, 2> start() { return {std::log(0.4), std::log(0.2)}; }
-  template <class J>
-  static std::array<J, 2> natural(const std::array<J, 2>& x) {
-    return {exp(x[0]), exp(x[1])};
-  }
-  template <class J>
-  static J first_beta(const std::array<J, 2>&, const J&, const J&, bool) {
-    return J(0.0);
+  static std::array<double, scales> start() {
+    std::array<double, scales> x{std::log(0.4)};
+    if constexpr (scales == 2) x[1] = std::log(0.2);
+    return x;
   }
   template <class J>
-  static void advance(const std::array<J, 2>& p, Flowing<J>& state, const J& eq, const J&, const J&,
+  static std::array<J, scales> natural(const std::array<J, scales>& x) {
+    return exponentials(x);
+  }
+  template <class J>
+  static void advance(const std::array<J, scales>& p, Flowing<J>& state, const J& eq, const J&, const J&,
                       double ds) {
-    state.phi = relax_solid_fraction(state.phi, eq, ds / strain_scale(state.phi, eq, p[0], p[1]));
+    state.phi = relax_solid_fraction(state.phi, eq, ds / scale(p, state.phi, eq));
   }
   template <class J>
-  static J beta(const std::array<J, 2>& p, const Flowing<J>& state, const J& eq) {
-    return dilation_rate(state.phi, eq, strain_scale(state.phi, eq, p[0], p[1]));
+  static J beta(const std::array<J, scales>& p, const Flowing<J>& state, const J& eq) {
+    return dilation_rate(state.phi, eq, scale(p, state.phi, eq));
+  }
+
+ private:
+  template <class J>
+  static J scale(const std::array<J, scales>& p, const J& phi, const J& eq) {
+    return strain_scale(phi, eq, p.front(), p.back());
   }
 };
 
@@ -648,7 +659,7 @@ struct Printed {
   }
 };
 
-struct Dilatancy {
+struct Dilatancy : WithoutOwnBeta {
   static constexpr std::size_t count = 1;
   static constexpr const char* name = "dilatancy";
   static std::vector<std::string> parameters() { return {"K"}; }
@@ -659,11 +670,7 @@ struct Dilatancy {
   static std::array<double, 1> start() { return {std::log(4.0)}; }
   template <class J>
   static std::array<J, 1> natural(const std::array<J, 1>& x) {
-    return {exp(x[0])};
-  }
-  template <class J>
-  static J first_beta(const std::array<J, 1>&, const J&, const J&, bool) {
-    return J(0.0);
+    return exponentials(x);
   }
   // d(phi)/ds = -K phi (phi - eq), logistic: 1 - eq/phi decays like exp(-K eq s).
   template <class J>
@@ -677,7 +684,7 @@ struct Dilatancy {
   }
 };
 
-struct ConstantDilation {
+struct ConstantDilation : WithoutOwnBeta {
   static constexpr std::size_t count = 1;
   static constexpr const char* name = "constant";
   static std::vector<std::string> parameters() { return {"beta"}; }
@@ -686,10 +693,6 @@ struct ConstantDilation {
   template <class J>
   static std::array<J, 1> natural(const std::array<J, 1>& x) {
     return x;
-  }
-  template <class J>
-  static J first_beta(const std::array<J, 1>&, const J&, const J&, bool) {
-    return J(0.0);
   }
   template <class J>
   static void advance(const std::array<J, 1>& p, Flowing<J>& state, const J&, const J&, const J&, double ds) {
@@ -701,7 +704,7 @@ struct ConstantDilation {
   }
 };
 
-struct NoChange {
+struct NoChange : WithoutOwnBeta {
   static constexpr std::size_t count = 0;
   static constexpr const char* name = "none";
   static std::vector<std::string> parameters() { return {}; }
@@ -710,10 +713,6 @@ struct NoChange {
   template <class J>
   static std::array<J, 0> natural(const std::array<J, 0>& x) {
     return x;
-  }
-  template <class J>
-  static J first_beta(const std::array<J, 0>&, const J&, const J&, bool) {
-    return J(0.0);
   }
   template <class J>
   static void advance(const std::array<J, 0>&, Flowing<J>&, const J&, const J&, const J&, double) {}
@@ -736,20 +735,9 @@ class DilationModelOf final : public DilationModel {
   const std::vector<std::string>& parameters() const override { return parameters_; }
   const std::vector<Coordinate>& coordinates() const override { return coordinates_; }
   NaturalParameters natural(std::span<const double> x) const override {
-    NaturalParameters result;
-    for (const Jet& p : natural_jets(x)) {
-      result.values.push_back(p.a);
-      result.by_coordinate.emplace_back(p.v.data(), p.v.data() + N);
-    }
-    return result;
+    return natural_parameters(natural_jets(x));
   }
-  std::vector<double> start() const override {
-    const std::array<double, N> x = Member::start();
-    std::vector<double> inside;
-    for (std::size_t k = 0; k < N; ++k)
-      inside.push_back(std::clamp(x[k], coordinates_[k].lower, coordinates_[k].upper));
-    return inside;
-  }
+  std::vector<double> start() const override { return within(coordinates_, Member::start()); }
   TransientSolution evaluate(const TransientInput& t, std::span<const double> x, double offset, double phi_0,
                              bool with_beta) const override {
     const std::array<Jet, N> p = natural_jets(x);
@@ -783,9 +771,7 @@ class DilationModelOf final : public DilationModel {
 
  private:
   static std::array<Jet, N> natural_jets(std::span<const double> x) {
-    std::array<Jet, N> seeded;
-    for (std::size_t k = 0; k < N; ++k) seeded[k] = Jet(x[k], static_cast<int>(k));
-    return Member::natural(seeded);
+    return Member::natural(seeded<Jet, N>(x));
   }
   std::vector<std::string> parameters_;
   std::vector<Coordinate> coordinates_;
@@ -799,7 +785,7 @@ std::unique_ptr<DilationModel> dilation_model(const std::string& member, double 
   const auto consider = [&]<class Member>(Member) {
     if (member == Member::name) model = std::make_unique<DilationModelOf<Member>>(s_star_min, s_star_max);
   };
-  consider(OneScale{}), consider(TwoSided{}), consider(Printed{});
+  consider(Relaxation<1>{}), consider(Relaxation<2>{}), consider(Printed{});
   consider(Dilatancy{}), consider(ConstantDilation{}), consider(NoChange{});
   if (model == nullptr) throw std::logic_error("no law of dilation \"" + member + "\" can be fitted");
   return model;

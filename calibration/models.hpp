@@ -23,6 +23,7 @@ Matrix propagate(const Matrix& to, const Matrix& covariance);
 struct Coordinate {
   std::string name;  ///< "ln(mu_h - mu_l)"
   double lower = 0, upper = 0;
+  bool is_logarithm_of(const std::string& parameter) const { return name == "ln " + parameter; }
 };
 
 /// The parameters of the law file, and their derivatives by the coordinates (one row a parameter).

@@ -137,7 +137,7 @@ std::string members_html(const std::vector<LawFit>& members, const std::string& 
         name, equation(family + " " + law.member), law.chi2_per_dof,
         std::isfinite(law.AICc) ? fmt::format("{:.1f}", law.AICc - best) : "too few data", law.BIC,
         law.cross_validation.conditions.empty()
-            ? (family == "dilation" ? "below" : "too few")
+            ? (family == "dilation" ? "" : "too few")
             : fmt::format("{:.2f} % ({:.2f} %)", 100 * law.cross_validation.rms,
                           100 * law.cross_validation.largest),
         escape_html(list_of(law)));

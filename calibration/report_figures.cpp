@@ -93,10 +93,10 @@ std::string steady_figure(const char* name, const Steady& what, const Predict& p
   const double margin = 0.15 * (top - bottom);
   std::string seeds;
   if (what.bootstrap.draws > 0)
-    seeds =
-        "$seeds using 1:2 with lines lc rgb '#D55E00' lw 1 dt (3,3) title '95 % band by bootstrap over "
-        "seeds', "
-        "$seeds using 1:3 with lines lc rgb '#D55E00' lw 1 dt (3,3) notitle, ";
+    seeds = fmt::format(
+        "$seeds using 1:2 with lines lc rgb '{0}' lw 1 dt (3,3) title '95 % band by bootstrap over seeds', "
+        "$seeds using 1:3 with lines lc rgb '{0}' lw 1 dt (3,3) notitle, ",
+        colour(1));
   std::string draws;
   for (std::size_t k = 0; k < what.bootstrap.I.size(); ++k)
     draws += fmt::format("{:.9g} {:.9g} {:.9g}\n", what.bootstrap.I[k], what.bootstrap.band_low[k],
@@ -290,8 +290,7 @@ std::string figure_residuals(const Fit& fit) {
   for (const SteadyDatum& d : fit.solid_fraction_data) phi[d.run] = d.value;
   for (const auto& [name, data] : {std::pair{"mu", &fit.friction_data}, {"phi", &fit.solid_fraction_data}}) {
     std::string text;
-    for (std::size_t k = 0; k < data->size(); ++k) {
-      const SteadyDatum& d = (*data)[k];
+    for (const SteadyDatum& d : *data) {
       const auto at = phi.find(d.run);  // a point may have been left out of the fit of phi
       text += fmt::format("{:.9g} {:.9g} {} {} {:.9g}\n", d.I, d.p,
                           at == phi.end() ? "NaN" : fmt::format("{:.9g}", at->second), d.order, d.residual);

@@ -146,8 +146,7 @@ double jackknife_variance(std::span<const double> without) {
 }
 
 Eigen::MatrixXd NoiseModel::covariance(std::span<const double> s) const {
-  const double variance = wander_sd * wander_sd + white_sd * white_sd;
-  return variance * correlation(s, strain_scale, white_sd * white_sd / variance);
+  return variance() * correlation(s, strain_scale, white_sd * white_sd / variance());
 }
 
 Eigen::MatrixXd NoiseModel::whitening(std::span<const double> s) const {
@@ -160,7 +159,7 @@ Eigen::MatrixXd NoiseModel::whitening(std::span<const double> s) const {
 
 double NoiseModel::independent_samples(std::span<const double> s) const {
   const Eigen::VectorXd ones = whitening(s) * Eigen::VectorXd::Ones(static_cast<Eigen::Index>(s.size()));
-  return (wander_sd * wander_sd + white_sd * white_sd) * ones.squaredNorm();
+  return variance() * ones.squaredNorm();
 }
 
 NoiseModel fit_noise(std::span<const CorrelatedResiduals> runs, std::size_t count) {

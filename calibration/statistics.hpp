@@ -26,6 +26,7 @@ struct NoiseModel {
   double strain_scale = 1;
   double white_sd = 0;
 
+  double variance() const { return wander_sd * wander_sd + white_sd * white_sd; }  ///< of one sample
   Eigen::MatrixXd covariance(std::span<const double> s) const;
   /// L^-1 of covariance = L L^T.
   Eigen::MatrixXd whitening(std::span<const double> s) const;

@@ -182,12 +182,8 @@ SteadyFit fit_steady(const SteadyModel& model, std::vector<SteadyDatum> data, co
     // A parameter is at a bound if the coordinate that it depends on most directly, that of its own place,
     // is.
     const bool at_bound = result.at_bound[k];
-    const bool logarithmic = model.coordinates()[k].name == "ln " + names[k];
-    law.parameters.push_back(logarithmic
-                                 ? positive_estimate(names[k], natural.values[k], law.covariance[k][k],
-                                                     law.interval_factor, at_bound)
-                                 : symmetric_estimate(names[k], natural.values[k], law.covariance[k][k],
-                                                      law.interval_factor, at_bound));
+    law.parameters.push_back(estimate_of(names[k], model.coordinates()[k], natural.values[k],
+                                         law.covariance[k][k], law.interval_factor, at_bound));
   }
   for (const SteadyDatum& datum : data)
     if (datum.weight < 1) law.downweighted.push_back(datum.run);
@@ -196,9 +192,7 @@ SteadyFit fit_steady(const SteadyModel& model, std::vector<SteadyDatum> data, co
   const auto k = static_cast<double>(free_of(result.at_bound));
   const double deviance = minus_two_log_likelihood(data, options.robust);
   law.BIC = deviance + k * std::log(n);
-  // Hurvich and Tsai (1989); without a spare datum there is no correction, and no comparison.
-  law.AICc = n - k - 1 > 0 ? deviance + 2 * k + 2 * k * (k + 1) / (n - k - 1)
-                           : std::numeric_limits<double>::infinity();
+  law.AICc = corrected_AIC(deviance, n, k);
   fit.data = std::move(data);
   return fit;
 }
@@ -224,7 +218,7 @@ void add_profiles(SteadyFit& fit, const SteadyModel& model, const std::string& f
     request.standard_error = e.standard_error / law.error_scale;
     request.threshold = scaled * scaled;
     const Coordinate& c = model.coordinates()[k];
-    if (c.name == "ln " + e.name) {
+    if (c.is_logarithm_of(e.name)) {
       request.lowest = std::exp(c.lower);
       request.highest = std::exp(c.upper);
     } else if (c.name == e.name) {

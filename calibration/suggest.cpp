@@ -39,8 +39,8 @@ struct Known {
   }
   /// After one more datum at I with the error `se`.
   Eigen::MatrixXd with(double I, double se) const {
-    const Eigen::VectorXd cg = covariance * gradient(I);
-    return covariance - cg * cg.transpose() / (se * se + gradient(I).dot(cg));
+    const Eigen::VectorXd g = gradient(I), cg = covariance * g;
+    return covariance - cg * cg.transpose() / (se * se + g.dot(cg));
   }
   double log_det_gain(double I, double se) const {
     const Eigen::VectorXd g = gradient(I);
@@ -189,6 +189,7 @@ std::string describe(const std::vector<SuggestedRun>& runs, const Fit& fit) {
   // A case file has one list of I and one of seeds: conditions with the same seeds share a file.
   std::map<std::vector<long>, std::vector<double>> sections;
   for (const auto& [I, list] : seeds) sections[list].push_back(I);
+  if (sections.size() > 1) text += "\nEach section in a case file of its own:\n";
   for (const auto& [list, I] : sections)
     text += fmt::format("\n[shear_cell.steady]\nI = [{:g}]\nseeds = [{}]\n", fmt::join(I, ", "),
                         fmt::join(list, ", "));

@@ -270,24 +270,28 @@ std::vector<std::vector<double>> TransientProblem::without_each_run(const Dilati
   return out;
 }
 
+CorrelatedResiduals TransientProblem::residuals_of(std::size_t r, const DilationModel& model,
+                                                   const SteadySolidFraction& law, std::span<const double> x,
+                                                   const TransientConstants& constants) const {
+  const BinnedTransient& run = runs_[r];
+  Misfit m(model, run, Equilibrium(*run.transient, law), x, constants.offset[run.condition],
+           constants.phi_0[r]);
+  CorrelatedResiduals out;
+  out.s = run.s;
+  for (std::size_t k = 0; k < x.size(); ++k) out.parameters.push_back(k);
+  out.parameters.push_back(x.size() + run.condition);
+  out.parameters.push_back(x.size() + conditions_ + r);
+  out.residuals = std::move(m.misfit);
+  out.jacobian = -m.by;
+  return out;
+}
+
 std::vector<CorrelatedResiduals> TransientProblem::residuals(const DilationModel& model,
                                                              const SteadySolidFraction& law,
                                                              std::span<const double> x,
                                                              const TransientConstants& constants) const {
   std::vector<CorrelatedResiduals> list;
-  for (std::size_t r = 0; r < runs_.size(); ++r) {
-    const BinnedTransient& run = runs_[r];
-    Misfit m(model, run, Equilibrium(*run.transient, law), x, constants.offset[run.condition],
-             constants.phi_0[r]);
-    CorrelatedResiduals out;
-    out.s = run.s;
-    for (std::size_t k = 0; k < x.size(); ++k) out.parameters.push_back(k);
-    out.parameters.push_back(x.size() + run.condition);
-    out.parameters.push_back(x.size() + conditions_ + r);
-    out.residuals = std::move(m.misfit);
-    out.jacobian = -m.by;
-    list.push_back(std::move(out));
-  }
+  for (std::size_t r = 0; r < runs_.size(); ++r) list.push_back(residuals_of(r, model, law, x, constants));
   return list;
 }
 
@@ -343,12 +347,16 @@ TransientSolution TransientProblem::solution(const DilationModel& model, const S
                   constants.offset[runs_[run].condition], constants.phi_0[run], true);
 }
 
+std::vector<std::vector<std::size_t>> TransientProblem::twins() const {
+  std::vector<std::vector<std::size_t>> groups(groups_);
+  for (std::size_t r = 0; r < runs_.size(); ++r) groups[runs_[r].group].push_back(r);
+  return groups;
+}
+
 NoiseModel TransientProblem::noise_of_seeds(const std::vector<CorrelatedResiduals>& residuals,
                                             std::size_t coordinates) const {
-  std::vector<std::vector<std::size_t>> twins(groups_);
-  for (std::size_t r = 0; r < runs_.size(); ++r) twins[runs_[r].group].push_back(r);
   std::vector<CorrelatedResiduals> list;
-  for (const std::vector<std::size_t>& group : twins) {
+  for (const std::vector<std::size_t>& group : twins()) {
     if (group.size() < 3) continue;
     double from = 0, to = std::numeric_limits<double>::infinity();
     for (const std::size_t r : group) {

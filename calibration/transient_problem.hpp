@@ -53,7 +53,8 @@ class TransientProblem {
 
   const std::vector<BinnedTransient>& runs() const { return runs_; }
   std::size_t conditions() const { return conditions_; }
-  std::size_t groups() const { return groups_; }
+  /// The runs of each group.
+  std::vector<std::vector<std::size_t>> twins() const;
   /// Coordinates, offsets, phi_0: that is also the order of the columns of `residuals` and `covariance`.
   std::size_t parameters(const DilationModel& model) const {
     return model.coordinates().size() + conditions_ + runs_.size();
@@ -84,7 +85,11 @@ class TransientProblem {
                                                     const SteadySolidFraction& law, const Weights& weights,
                                                     std::span<const double> x) const;
 
-  /// Residuals of phi, data less model, and their derivatives by all parameters, of each run.
+  /// Residuals of phi, data less model, and their derivatives by the parameters that the run has.
+  CorrelatedResiduals residuals_of(std::size_t run, const DilationModel& model,
+                                   const SteadySolidFraction& law, std::span<const double> x,
+                                   const TransientConstants& constants) const;
+  /// Of each run.
   std::vector<CorrelatedResiduals> residuals(const DilationModel& model, const SteadySolidFraction& law,
                                              std::span<const double> x,
                                              const TransientConstants& constants) const;

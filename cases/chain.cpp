@@ -193,7 +193,7 @@ json run_chain(const fs::path& case_path, const fs::path& folder, const CommonOp
   for (const Variant& variant : variants) {
     Stopwatch flow_time;
     if (variant.dilation && law.dilation.member == "none") {
-      spdlog::warn("no start-ups, so no law of dilation: the flow with dilation is left out");
+      spdlog::warn("no transients, so no law of dilation: the flow with dilation is left out");
       continue;
     }
     FlowOptions flow_options;

@@ -135,10 +135,8 @@ template <class T, class U, class S>
 auto relax_solid_fraction_two_sided(const T& phi, const U& phi_eq_0, const U& phi_eq_1, const S& ds,
                                     double s_star, double s_star_compacting) {
   using std::exp;
-  const auto rise = phi_eq_1 - phi_eq_0;
-  const auto mean = phi_eq_0 + 0.5 * rise;
-  const auto x = ds / s_star;
-  return phi_eq_1 - rise * kept_of_a_ramp(x) + 0.5 * rise * exp(-x) +
+  const auto mean = phi_eq_0 + 0.5 * (phi_eq_1 - phi_eq_0);
+  return relax_solid_fraction_ramp(mean, phi_eq_0, phi_eq_1, ds / s_star) +
          (phi - mean) * exp(-ds / strain_scale(phi, mean, s_star, s_star_compacting));
 }
 
