@@ -103,7 +103,7 @@ class DilationFit {
     out.member = member;
     std::vector<double> x;
     if (!m->coordinates().empty()) {
-      // Three starts: only chi2 is wanted, and no start of any member has missed it by more than 1.
+      // Three starts: only chi2 is wanted, and no less than 10 of it decides.
       const LeastSquaresResult result = solve(*m, weights, m->start(), std::min(3L, options_.starts));
       x = result.values;
       const NaturalParameters natural = m->natural(x);

@@ -146,9 +146,10 @@ std::string transient_figure(const char* name, const std::vector<Curve>& curves,
     plot +=
         fmt::format("{}$points{} with points pt 7 ps 0.3 lc rgb '{}' notitle", k ? ", " : "", k, colour(k));
   }
+  // A legend of more than eight lines would hide what it explains, of more than a dozen explain nothing.
+  const bool legend = curves.size() <= 12, below = legend && curves.size() > 8;
   for (std::size_t k = 0; k < curves.size(); ++k) {
-    // A legend of more than a dozen lines would hide what it explains.
-    const std::string title = curves.size() <= 12 ? "title " + quoted(curves[k].label) : "notitle";
+    const std::string title = legend ? "title " + quoted(curves[k].label) : "notitle";
     plot += fmt::format(", $fit{} with lines lw 2.2 lc rgb '{}' {}", k, colour(k), title);
   }
   // The inner 96 % of the points decide the range together with the fit: single spikes do not.
@@ -157,11 +158,12 @@ std::string transient_figure(const char* name, const std::vector<Curve>& curves,
   bottom = std::min(bottom, all[tail]);
   top = std::max(top, all[all.size() - 1 - tail]);
   const double margin = 0.08 * std::max(top - bottom, 1e-6);
-  script += fmt::format(
-      "set yrange [{:.6g}:{:.6g}]\nset key {}\nset xlabel 'shear strain s'\nset ylabel '{}'\n",
-      bottom - margin, top + margin, curves.size() > 8 ? "outside below maxcols 3" : "top right", symbol);
-  script += fmt::format("set label 1 {} at graph 1,1.04 right textcolor rgb '#5b6876'\n", quoted(fitted));
-  return render_svg(name, script + plot + "\n", 720, curves.size() > 8 ? 520 : 400);
+  script +=
+      fmt::format("set yrange [{:.6g}:{:.6g}]\nset key {}\nset xlabel 'shear strain s'\nset ylabel '{}'\n",
+                  bottom - margin, top + margin, below ? "outside below maxcols 3" : "top right", symbol);
+  script +=
+      fmt::format("set label 1 {} at graph 1,1 right offset 0,0.6 textcolor rgb '#5b6876'\n", quoted(fitted));
+  return render_svg(name, script + plot + "\n", 720, below ? 520 : 400);
 }
 
 std::string group_label(const TransientCheck& c) {
@@ -298,7 +300,7 @@ std::string figure_residuals(const Fit& fit) {
     script += block(name, text);
   }
   script +=
-      "set multiplot layout 2,2 margins 0.09,0.96,0.11,0.97 spacing 0.1,0.16\n"
+      "set multiplot layout 2,2 margins 0.09,0.96,0.14,0.97 spacing 0.1,0.18\n"
       "set ylabel 'residual, standard errors' offset 1.5\nset yrange [-4:4]\nset xzeroaxis lw 1 lc rgb "
       "'#8a95a1'\n";
   const std::array<std::pair<const char*, const char*>, 4> axes{{{"1", "inertial number I"},
