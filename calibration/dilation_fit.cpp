@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <random>
 #include <utility>
 
 #include "calibration/beta_in_mu.hpp"
@@ -27,6 +28,9 @@ constexpr std::size_t members_of_flows = 3;
 constexpr double decisive_AICc = 10;
 
 double root(double variance) { return std::sqrt(std::max(0.0, variance)); }
+bool any(const std::vector<bool>& flags) {
+  return std::find(flags.begin(), flags.end(), true) != flags.end();
+}
 
 struct Settled {
   LeastSquaresResult result;
@@ -259,6 +263,22 @@ double lag_one(const std::vector<CorrelatedResiduals>& left, const TransientProb
   return products / squares;
 }
 
+/// Means over a group of what its runs are shown with.
+void add_means(TransientCheck& check, const std::vector<TransientFit>& transients,
+               const std::vector<std::size_t>& group) {
+  const auto mean = [&](std::vector<double> TransientFit::*what) {
+    std::vector<double> values(check.s.size(), 0.0);
+    for (const std::size_t r : group)
+      for (std::size_t k = 0; k < values.size(); ++k)
+        values[k] += (transients[r].*what)[k] / static_cast<double>(group.size());
+    return values;
+  };
+  check.beta = mean(&TransientFit::beta);
+  check.beta_fit = mean(&TransientFit::beta_fit);
+  check.mu_excess = mean(&TransientFit::mu_excess);
+  for (const std::size_t r : group) check.runs.push_back(transients[r].run);
+}
+
 TransientFit seen(const Transient& t, const Fit& fit, const TransientSolution& solution) {
   TransientFit out;
   out.run = t.run, out.kind = t.kind, out.seed = t.seed, out.I_driven = t.I_driven;
@@ -276,8 +296,8 @@ TransientFit seen(const Transient& t, const Fit& fit, const TransientSolution& s
 }
 
 /// Of the coordinates: from the whitened fit, or the spread over runs (jackknife) where that is larger.
-Matrix covariance_of_coordinates(Fit& fit, const DilationFit& dilation, const DilationModel& law,
-                                 const Settled& settled, const Matrix& whitened) {
+Matrix covariance_of_coordinates(Fit& fit, const RunInformation& runs, const Settled& settled,
+                                 const Matrix& whitened) {
   const std::vector<double>& best = settled.result.values;
   const std::size_t n = best.size();
   Matrix out;
@@ -285,22 +305,102 @@ Matrix covariance_of_coordinates(Fit& fit, const DilationFit& dilation, const Di
     out.emplace_back(whitened[k].begin(), whitened[k].begin() + static_cast<std::ptrdiff_t>(n));
   const double s_star = std::exp(best[0]);  // ln s* is the first of every member
   fit.s_star_error_least_squares = s_star * root(out[0][0]);
-  const std::vector<bool>& at_bound = settled.result.at_bound;
-  if (dilation.problem().runs().size() < 3 ||
-      std::find(at_bound.begin(), at_bound.end(), true) != at_bound.end())
-    return out;
-  const std::vector<std::vector<double>> without =
-      dilation.problem().without_each_run(law, dilation.law(), settled.weights, best);
+  if (runs.runs.size() < 3 || any(settled.result.at_bound)) return out;
+  std::vector<std::vector<double>> without(n);
+  std::vector<double> times(runs.runs.size(), 1.0);
+  for (double& one : times) {
+    one = 0;
+    const Eigen::VectorXd step = runs.step(times);
+    for (std::size_t k = 0; k < n; ++k) without[k].push_back(best[k] + step(static_cast<Eigen::Index>(k)));
+    one = 1;
+  }
   for (std::size_t k = 0; k < n; ++k) {
-    std::vector<double> values;
-    for (const std::vector<double>& x : without) values.push_back(x[k]);
-    const double jackknife = jackknife_variance(values);
+    const double jackknife = jackknife_variance(without[k]);
     if (k == 0) fit.s_star_error_jackknife = s_star * root(jackknife);
     if (!(jackknife > whitened[k][k])) continue;
     const double larger = std::sqrt(jackknife / whitened[k][k]);
     for (std::size_t b = 0; b < n; ++b) out[k][b] *= larger, out[b][k] *= larger;
   }
   return out;
+}
+
+/// Runs drawn anew among the seeds of each group, one linear step each; as for the steady laws, deviations
+/// are widened by sqrt(n/(n - 1)).
+Bootstrap bootstrap_over_seeds(const DilationModel& law, const std::vector<double>& best,
+                               const RunInformation& runs,
+                               const std::vector<std::vector<std::size_t>>& groups, long draws) {
+  Bootstrap out;
+  const auto with_twins =
+      std::count_if(groups.begin(), groups.end(), [](const auto& group) { return group.size() > 1; });
+  if (draws < 2 || 2 * with_twins < std::ssize(groups)) return out;
+  std::vector<std::vector<double>> parameters(best.size());
+  std::mt19937 generator(20063);  // the same draws on every machine
+  for (long draw = 0; draw < draws; ++draw) {
+    std::vector<double> times(runs.runs.size(), 1.0);
+    for (const std::vector<std::size_t>& group : groups) {
+      if (group.size() < 2) continue;
+      const auto n = static_cast<double>(group.size());
+      const double wider = std::sqrt(n / (n - 1));
+      for (const std::size_t r : group) times[r] -= wider;
+      for (std::size_t k = 0; k < group.size(); ++k) times[group[generator() % group.size()]] += wider;
+    }
+    const Eigen::VectorXd step = runs.step(times);
+    std::vector<double> x = best;
+    for (std::size_t k = 0; k < x.size(); ++k) x[k] += step(static_cast<Eigen::Index>(k));
+    const NaturalParameters natural = law.natural(x);
+    for (std::size_t k = 0; k < x.size(); ++k) parameters[k].push_back(natural.values[k]);
+  }
+  out.draws = draws;
+  for (const std::vector<double>& values : parameters) {
+    out.low.push_back(quantile(values, 0.025));
+    out.high.push_back(quantile(values, 0.975));
+  }
+  return out;
+}
+
+/// Intervals from the profile likelihood of the whitened chi2. Where a standard error was widened by the
+/// spread over runs or by the law of phi, chi2 is divided by the square of that, so that its curvature at
+/// the best fit is that of the standard error.
+void add_dilation_profiles(LawFit& out, const DilationFit& dilation, const DilationModel& law,
+                           const Settled& settled, const Matrix& whitened) {
+  const std::vector<double>& best = settled.result.values;
+  LeastSquaresProblem problem = dilation.problem().problem(law, dilation.law(), settled.weights, best);
+  for (std::size_t k = 0; k < best.size(); ++k) problem.parameters[k].fixed = settled.result.at_bound[k];
+  const NaturalParameters natural = law.natural(best);
+  for (std::size_t k = 0; k < best.size(); ++k) {
+    Estimate& e = out.parameters[k];
+    if (e.at_bound || !(e.standard_error > 0)) continue;
+    ProfileRequest request;
+    request.name = e.name;
+    request.quantity = [&law, k](std::span<const double> x, std::span<double> gradient) {
+      const NaturalParameters at = law.natural(x);
+      std::copy(at.by_coordinate[k].begin(), at.by_coordinate[k].end(), gradient.begin());
+      return at.values[k];
+    };
+    request.standard_error = std::abs(natural.by_coordinate[k][k]) * root(whitened[k][k]);
+    const double wider = e.standard_error / request.standard_error;
+    request.threshold = out.interval_factor * out.interval_factor * wider * wider;
+    const Coordinate& c = law.coordinates()[k];
+    const bool logarithm = c.is_logarithm_of(e.name);
+    request.lowest = logarithm ? std::exp(c.lower) : c.lower;
+    request.highest = logarithm ? std::exp(c.upper) : c.upper;
+    Profile profile = profile_likelihood(problem, settled.result.chi2, request);
+    for (double& rise : profile.delta_chi2) rise /= wider * wider;
+    e.low = profile.low, e.high = profile.high;
+    e.open_low = profile.open_low, e.open_high = profile.open_high;
+    out.profiles.push_back(std::move(profile));
+  }
+}
+
+/// By what factor one more run like the mean of a group would lower the variance of each coordinate.
+std::vector<double> one_more_run(const RunInformation& runs, const std::vector<std::size_t>& group) {
+  std::vector<double> times(runs.runs.size(), 1.0);
+  const Eigen::MatrixXd now = runs.normal(times).square.inverse();
+  for (const std::size_t r : group) times[r] += 1 / static_cast<double>(group.size());
+  const Eigen::MatrixXd then = runs.normal(times).square.inverse();
+  std::vector<double> factor;
+  for (Eigen::Index k = 0; k < now.rows(); ++k) factor.push_back(then(k, k) / now(k, k));
+  return factor;
 }
 
 /// How far the steady law of phi, which is held, moves the coordinates: central differences over one standard
@@ -408,7 +508,8 @@ Matrix fit_dilation(Fit& fit, const SelectedData& selected, const SteadyModel& m
 
   const NaturalParameters natural = law->natural(best);
   const Matrix by_phi = by_law_of_phi(dilation, *law, settled, model, coordinates, coordinate_covariance);
-  out.coordinate_covariance = covariance_of_coordinates(fit, dilation, *law, settled, covariance);
+  const RunInformation runs = problem.information(*law, dilation.law(), settled.weights, best);
+  out.coordinate_covariance = covariance_of_coordinates(fit, runs, settled, covariance);
   const Matrix of_law = propagate(by_phi, coordinate_covariance);
   for (std::size_t a = 0; a < n; ++a)
     for (std::size_t b = 0; b < n; ++b) out.coordinate_covariance[a][b] += of_law[a][b];
@@ -421,6 +522,9 @@ Matrix fit_dilation(Fit& fit, const SelectedData& selected, const SteadyModel& m
     by_law.push_back(by_phi[k]);
     for (double& v : by_law.back()) v *= natural.by_coordinate[k][k];
   }
+  if (options.profiles) add_dilation_profiles(out, dilation, *law, settled, covariance);
+  const std::vector<std::vector<std::size_t>> groups = problem.twins();
+  if (!any(at_bound)) out.bootstrap = bootstrap_over_seeds(*law, best, runs, groups, options.bootstrap);
 
   std::vector<TransientSolution> solutions;
   for (std::size_t r = 0; r < problem.runs().size(); ++r) {
@@ -432,7 +536,14 @@ Matrix fit_dilation(Fit& fit, const SelectedData& selected, const SteadyModel& m
         symmetric_estimate("phi_0", constants.phi_0[r], covariance[of_phi_0][of_phi_0], out.interval_factor);
     fit.transients.push_back(std::move(one));
   }
-  if (seeds_known) fit.transient_checks = check_groups(dilation, *law, settled, constants, fit.seed_noise);
+  if (seeds_known) {
+    fit.transient_checks = check_groups(dilation, *law, settled, constants, fit.seed_noise);
+    for (std::size_t g = 0; g < groups.size(); ++g) {
+      TransientCheck& check = fit.transient_checks[g];
+      add_means(check, fit.transients, groups[g]);
+      if (!any(at_bound)) check.one_more_run = one_more_run(runs, groups[g]);
+    }
+  }
   const BetaInMu shares = regress_mu_on_beta(fit, problem, solutions, n, covariance);
   fit.beta_in_mu = shares.share;
   fit.beta_in_mu_by_kind = shares.by_kind;

@@ -279,7 +279,7 @@ void judge(Fit& fit) {
   };
   outliers(fit.friction, "friction");
   outliers(fit.solid_fraction, "solid fraction");
-  for (const LawFit* law : {&fit.friction, &fit.solid_fraction})
+  for (const LawFit* law : {&fit.friction, &fit.solid_fraction, &fit.dilation})
     for (const Profile& p : law->profiles)
       if (p.open_low || p.open_high)
         warn(fmt::format("the profile of {} is open {}: no {} value is refused by these data", p.name,
@@ -320,6 +320,7 @@ Fit fit_law(const std::vector<Observables>& observables, const FitOptions& optio
   fit.grain_friction = observables.front().grain_friction;
   fit.engine = observables.front().engine;
   fit.material = observables.front().material;
+  for (const Observables& o : observables) fit.core_seconds += o.cpu_seconds();
   fit.options = options;
   fit.excluded = selected.excluded;
   const ModelBounds bounds{options.mu_max, options.D_star_min, options.D_star_max, options.b_max};

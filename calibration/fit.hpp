@@ -209,7 +209,12 @@ struct TransientCheck {
   /// The same by the law fitted to all others, with no offset; phi_0 of each run is free.
   bool predicted = false;
   double predicted_chi2_per_dof = 0, predicted_explained = 0;
-  std::vector<double> s, phi, phi_fit;  ///< means over the seeds, to the end of the shortest run
+  /// Means over the seeds, to the end of the shortest run.
+  std::vector<double> s, phi, phi_fit, beta, beta_fit, mu_excess;
+  std::vector<std::string> runs;
+  /// By what factor one more run like these would lower the variance of each parameter of dilation, as far
+  /// as the transients make it; empty if one is at a bound.
+  std::vector<double> one_more_run;
 };
 
 /// One transient with the fitted evolution beside it, on the samples of the observables.
@@ -228,6 +233,7 @@ struct TransientFit {
 struct Fit {
   double d = 0, rho_s = 0, grain_friction = 0;
   std::string engine, material;
+  double core_seconds = 0;  ///< of all runs that the observables know the cost of
   FitOptions options;
 
   LawFit friction;

@@ -149,6 +149,7 @@ json sources(const Fit& fit, std::span<const std::filesystem::path> observables)
   for (const TransientFit& t : fit.transients) runs.push_back(t.run);
   out["runs"] = runs;
   out["engine"] = fit.engine;
+  out["core_seconds"] = fit.core_seconds;
   out["grain_friction"] = fit.grain_friction;
   out["material"] = fit.material;
   return out;

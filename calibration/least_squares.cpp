@@ -11,10 +11,13 @@
 #include <Eigen/SVD>
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <cmath>
+#include <future>
 #include <memory>
 #include <optional>
 #include <stdexcept>
+#include <thread>
 #include <utility>
 
 #include "calibration/models.hpp"
@@ -184,6 +187,35 @@ class Solver {
   std::unique_ptr<ceres::Problem> ceres_;
 };
 
+struct Searched {
+  Run run;
+  std::vector<double> values;
+};
+
+/// One search from each start, side by side on all cores. Which of them ran where changes nothing.
+std::vector<Searched> search_from(const LeastSquaresProblem& problem,
+                                  const std::vector<std::vector<double>>& starts,
+                                  const std::vector<bool>& held) {
+  std::vector<Searched> all(starts.size());
+  std::atomic<std::size_t> next{0};
+  const auto work = [&](const LeastSquaresProblem& mine) {
+    for (std::size_t k = next++; k < starts.size(); k = next++) {
+      Solver solver(mine, starts[k], held);
+      all[k].run = solver.solve();
+      all[k].values = solver.values();
+    }
+  };
+  // A copy for each helper: the blocks may keep what they calculated last.
+  std::vector<std::future<void>> helpers;
+  const std::size_t threads =
+      std::min(starts.size(), static_cast<std::size_t>(std::max(1u, std::thread::hardware_concurrency())));
+  for (std::size_t k = 1; k < threads; ++k)
+    helpers.push_back(std::async(std::launch::async, [&work, mine = problem] { work(mine); }));
+  work(problem);
+  for (std::future<void>& helper : helpers) helper.get();
+  return all;
+}
+
 }  // namespace
 
 Minimum minimise(const LeastSquaresProblem& problem) {
@@ -219,10 +251,6 @@ LeastSquaresResult solve_least_squares(const LeastSquaresProblem& problem,
   for (const LeastSquaresParameter& parameter : problem.parameters) starts[0].push_back(parameter.start);
   starts.insert(starts.end(), more_starts.begin(), more_starts.end());
 
-  LeastSquaresResult result;
-  std::vector<double> chi2;
-  double best = std::numeric_limits<double>::infinity();
-  std::string why_not;
   for (const std::vector<double>& start : starts) {
     for (std::size_t k = 0; k < p; ++k) {
       const LeastSquaresParameter& parameter = problem.parameters[k];
@@ -231,8 +259,12 @@ LeastSquaresResult solve_least_squares(const LeastSquaresProblem& problem,
         throw Error(ExitCode::bug,
                     fmt::format("{}: a start of {} is outside its bounds", problem.name, parameter.name));
     }
-    Solver solver(problem, start, held);
-    const Run run = solver.solve();
+  }
+  LeastSquaresResult result;
+  std::vector<double> chi2;
+  double best = std::numeric_limits<double>::infinity();
+  std::string why_not;
+  for (auto& [run, values] : search_from(problem, starts, held)) {
     ++result.starts;
     if (!run.usable) {
       why_not = run.termination;
@@ -242,7 +274,7 @@ LeastSquaresResult solve_least_squares(const LeastSquaresProblem& problem,
     chi2.push_back(run.chi2);
     if (run.chi2 < best) {
       best = run.chi2;
-      result.values = solver.values();
+      result.values = std::move(values);
       result.termination = run.termination;
       result.iterations = run.iterations;
     }
@@ -494,17 +526,19 @@ class ModelOf final : public SteadyModel {
     if constexpr (std::is_same_v<Member, BarkerAndGray>) {
       // I_N, where the branches meet, is found for the values and held while derivatives are taken. The
       // search for it is long, and every datum asks with the same values.
-      if (values != last_values_) {
-        last_values_ = values;
-        last_law_.reset();
+      thread_local std::array<double, N> last_values{};
+      thread_local std::optional<DoubleLaw> last_law;
+      if (values != last_values) {
+        last_values = values;
+        last_law.reset();
         try {
-          last_law_.emplace(values[0], values[1], values[2], values[3], values[4]);
+          last_law.emplace(values[0], values[1], values[2], values[3], values[4]);
         } catch (
             const std::invalid_argument&) {  // no well-posed law has these values: the fit looks elsewhere
         }
       }
-      if (!last_law_) return false;
-      set(JetLaw(p[0], p[1], p[2], p[3], p[4], last_law_->I_N)(I), last_law_->slope(I), out);
+      if (!last_law) return false;
+      set(JetLaw(p[0], p[1], p[2], p[3], p[4], last_law->I_N)(I), last_law->slope(I), out);
     } else if constexpr (requires(DoubleLaw law) { law.slope(I); }) {
       set(make_law<JetLaw>(p)(I), make_law<DoubleLaw>(values).slope(I), out);
     } else {
@@ -531,8 +565,6 @@ class ModelOf final : public SteadyModel {
     out.slope = slope;
   }
   std::vector<Coordinate> coordinates_;
-  mutable std::array<double, N> last_values_{};
-  mutable std::optional<DoubleLaw> last_law_;  // of Barker and Gray
 };
 
 }  // namespace

@@ -28,7 +28,8 @@ struct ResidualBlock {
   std::vector<std::size_t> parameters;  ///< indices into LeastSquaresProblem::parameters
   std::size_t size = 0;                 ///< number of residuals
   /// From the values of `parameters` the residuals and, unless it is empty, the Jacobian, row by row
-  /// (size x parameters.size()). Returns false where the model has no value.
+  /// (size x parameters.size()). Returns false where the model has no value. Several starts are searched at
+  /// once, each with a copy of it, so whatever a copy shares with the others may not change.
   std::function<bool(std::span<const double> values, std::span<double> residuals, std::span<double> jacobian)>
       evaluate;
 };

@@ -416,26 +416,10 @@ std::string escape_html(const std::string& text) {
   return out;
 }
 
-void write_report(const ReportInputs& in, const std::filesystem::path& page) {
-  std::vector<FlowSummary> flows;
-  for (const ReportFlow& flow : in.flows) flows.push_back(read_flow_summary(flow));
-  const auto stamp = [&] {
-    const auto text = [&](const char* key) { return in.provenance.value(key, std::string("unknown")); };
-    return fmt::format("dem2sph {} ({}), {}", text("version"), text("git_revision"), text("time_utc"));
-  };
-  const std::map<std::string, std::string> parts{{"title", escape_html(in.title)},
-                                                 {"stamp", escape_html(stamp())},
-                                                 {"verdict", escape_html(in.law.verdict)},
-                                                 {"warnings", warnings_html(in.fit)},
-                                                 {"steady", steady_html(in)},
-                                                 {"transients", transients_html(in)},
-                                                 {"parameters", parameters_html(in)},
-                                                 {"flows", flows_html(flows)},
-                                                 {"excluded", excluded_html(in.fit)},
-                                                 {"steps", steps_html(in)},
-                                                 {"versions", versions_html(in.provenance)}};
-  // One pass over the template: what is put in is never searched for marks again.
-  const std::string form = report_template;
+namespace {
+
+/// One pass over the template: what is put in is never searched for marks again.
+std::string fill_in(const std::string& form, const std::map<std::string, std::string>& parts) {
   std::string html;
   for (std::size_t at = 0; at < form.size();) {
     const std::size_t open = form.find("{{", at);
@@ -448,7 +432,37 @@ void write_report(const ReportInputs& in, const std::filesystem::path& page) {
     html += part->second;
     at = close + 2;
   }
-  write_file_atomically(page, html);
+  return html;
+}
+
+}  // namespace
+
+std::string figure_html(const std::string& svg, const std::string& caption) { return figure(svg, caption); }
+
+void write_page(const std::string& title, const std::string& verdict, const std::string& body,
+                const nlohmann::json& provenance, const std::filesystem::path& page) {
+  const auto text = [&](const char* key) { return provenance.value(key, std::string("unknown")); };
+  write_file_atomically(
+      page,
+      fill_in(page_template, {{"title", escape_html(title)},
+                              {"stamp", escape_html(fmt::format("dem2sph {} ({}), {}", text("version"),
+                                                                text("git_revision"), text("time_utc")))},
+                              {"verdict", escape_html(verdict)},
+                              {"body", body}}));
+}
+
+void write_report(const ReportInputs& in, const std::filesystem::path& page) {
+  std::vector<FlowSummary> flows;
+  for (const ReportFlow& flow : in.flows) flows.push_back(read_flow_summary(flow));
+  const std::string body = fill_in(report_template, {{"warnings", warnings_html(in.fit)},
+                                                     {"steady", steady_html(in)},
+                                                     {"transients", transients_html(in)},
+                                                     {"parameters", parameters_html(in)},
+                                                     {"flows", flows_html(flows)},
+                                                     {"excluded", excluded_html(in.fit)},
+                                                     {"steps", steps_html(in)},
+                                                     {"versions", versions_html(in.provenance)}});
+  write_page(in.title, in.law.verdict, body, in.provenance, page);
 }
 
 }  // namespace dem2sph

@@ -40,6 +40,12 @@ struct ReportInputs {
 /// Text for HTML: & < > " ' are escaped, control characters dropped.
 std::string escape_html(const std::string& text);
 
+std::string figure_html(const std::string& svg, const std::string& caption);
+
+/// A page with title, stamp of versions, a sentence that says what came out, and `body`, which is HTML.
+void write_page(const std::string& title, const std::string& verdict, const std::string& body,
+                const nlohmann::json& provenance, const std::filesystem::path& page);
+
 /// Writes the page. Throws InputError if a summary.json lacks a part or a file of a step is missing, and
 /// an Error if gnuplot is missing (exit code 2) or refuses a figure (1).
 void write_report(const ReportInputs& inputs, const std::filesystem::path& page);

@@ -123,11 +123,9 @@ std::string steady_figure(const char* name, const Steady& what, const Predict& p
       720, 420);
 }
 
-// One curve and its points a start-up.
+// A line and its points.
 struct Curve {
-  const std::vector<double>& x;
-  const std::vector<double>& y;
-  const std::vector<double>& fit;
+  std::vector<double> x, y, fit;
   std::string label;
 };
 
@@ -324,7 +322,7 @@ std::string figure_likelihoods(const Fit& fit) {
   std::string script = style();
   std::string plot = "plot x*x with lines lc rgb '#8a95a1' dt (6,5) title 'if it were a parabola'";
   std::size_t k = 0;
-  for (const LawFit* law : {&fit.friction, &fit.solid_fraction})
+  for (const LawFit* law : {&fit.friction, &fit.solid_fraction, &fit.dilation})
     for (const Profile& p : law->profiles) {
       const double scale = (*law)[p.name].standard_error / law->error_scale;
       std::vector<double> x;
@@ -340,37 +338,47 @@ std::string figure_likelihoods(const Fit& fit) {
   return render_svg("likelihoods", script + plot + "\n", 720, 380);
 }
 
-std::string figure_transient_phi(const Fit& fit) {
+namespace {
+
+/// One curve a group of twins where there are groups, else one a run. `choose` takes a TransientCheck or a
+/// TransientFit and gives its points and its line.
+template <class Choose>
+std::string grouped_figure(const Fit& fit, const char* name, const char* label, const std::string& title,
+                           Choose choose) {
   std::vector<Curve> curves;
-  if (!fit.transient_checks.empty()) {
-    for (const TransientCheck& c : fit.transient_checks)
-      curves.push_back({c.s, c.phi, c.phi_fit, group_label(c)});
-    return transient_figure("phi", curves, "solid fraction φ",
-                            "points: LIGGGHTS, mean over seeds; lines: fit");
-  }
-  for (const TransientFit& t : fit.transients) curves.push_back({t.s, t.phi, t.phi_fit, run_label(t)});
-  return transient_figure("phi", curves, "solid fraction φ", "points: LIGGGHTS, lines: fit");
+  const bool grouped = !fit.transient_checks.empty();
+  const auto add = [&](const auto& one, std::string what) {
+    auto [points, line] = choose(one);
+    curves.push_back({one.s, std::move(points), std::move(line), std::move(what)});
+  };
+  if (grouped)
+    for (const TransientCheck& c : fit.transient_checks) add(c, group_label(c));
+  else
+    for (const TransientFit& t : fit.transients) add(t, run_label(t));
+  return transient_figure(
+      name, curves, label,
+      fmt::format("points: LIGGGHTS{}; lines: {}", grouped ? ", mean over seeds" : "", title).c_str());
+}
+
+}  // namespace
+
+std::string figure_transient_phi(const Fit& fit) {
+  return grouped_figure(fit, "phi", "solid fraction φ", "fit",
+                        [](const auto& t) { return std::pair(t.phi, t.phi_fit); });
 }
 
 std::string figure_transient_beta(const Fit& fit) {
-  std::vector<Curve> curves;
-  for (const TransientFit& t : fit.transients) curves.push_back({t.s, t.beta, t.beta_fit, run_label(t)});
-  return transient_figure("beta", curves, "dilation rate β", "points: LIGGGHTS, lines: from the fitted φ(s)");
+  return grouped_figure(fit, "beta", "dilation rate β", "from the fitted φ(s)",
+                        [](const auto& t) { return std::pair(t.beta, t.beta_fit); });
 }
 
 std::string figure_transient_mu(const Fit& fit) {
-  std::vector<std::vector<double>> scaled;
-  for (const TransientFit& t : fit.transients) {
-    scaled.push_back(t.beta_fit);
-    for (double& v : scaled.back()) v *= fit.beta_in_mu.value;
-  }
-  std::vector<Curve> curves;
-  for (std::size_t k = 0; k < fit.transients.size(); ++k)
-    curves.push_back(
-        {fit.transients[k].s, fit.transients[k].mu_excess, scaled[k], run_label(fit.transients[k])});
-  return transient_figure(
-      "excess", curves, "μ - μ_{steady}(I)",
-      fmt::format("points: LIGGGHTS, lines: {:.2f} times the fitted β", fit.beta_in_mu.value).c_str());
+  return grouped_figure(fit, "excess", "μ - μ_{steady}(I)",
+                        fmt::format("{:.2f} times the fitted β", fit.beta_in_mu.value), [&](const auto& t) {
+                          std::vector<double> share = t.beta_fit;
+                          for (double& v : share) v *= fit.beta_in_mu.value;
+                          return std::pair(t.mu_excess, share);
+                        });
 }
 
 std::string figure_profiles(const FlowSummary& flow, std::size_t index, double x_max, double y_max) {
@@ -443,6 +451,12 @@ std::string figure_front(const std::vector<FlowSummary>& flows) {
 std::string figure_height(const std::vector<FlowSummary>& flows) {
   return series_figure("height", flows, "centre height / H_0", false);
 }
+
+std::string plot_style() { return style(); }
+const char* plot_colour(std::size_t k) { return colour(k); }
+std::string plot_quoted(const std::string& text) { return quoted(text); }
+std::string plot_block(const std::string& name, const std::string& data) { return block(name, data); }
+std::string plot_rows(const std::vector<double>& x, const std::vector<double>& y) { return rows(x, y); }
 
 std::string render_svg(const std::string& name, const std::string& script, int width, int height) {
   if (!program_exists("gnuplot"))

@@ -53,6 +53,14 @@ std::string figure_deposits(const std::vector<FlowSummary>& flows);
 std::string figure_front(const std::vector<FlowSummary>& flows);
 std::string figure_height(const std::vector<FlowSummary>& flows);
 
+/// Parts of gnuplot scripts in the report's style: the style itself, the k-th colour, a text in quotes, a
+/// named block of data, rows of two columns.
+std::string plot_style();
+const char* plot_colour(std::size_t k);
+std::string plot_quoted(const std::string& text);
+std::string plot_block(const std::string& name, const std::string& rows);
+std::string plot_rows(const std::vector<double>& x, const std::vector<double>& y);
+
 /// Runs a gnuplot script that plots to the terminal it is given, and returns the SVG without prologue, with
 /// ids that start with `name`. Throws an Error if gnuplot is missing (exit
 /// code 2), and one with gnuplot's own words if it refuses (1).

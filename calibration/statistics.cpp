@@ -145,6 +145,22 @@ double jackknife_variance(std::span<const double> without) {
   return (n - 1) / n * squares;
 }
 
+MeanAndSd mean_and_sd(std::span<const double> values) {
+  MeanAndSd m;
+  const auto n = static_cast<double>(values.size());
+  for (double v : values) m.mean += v / n;
+  for (double v : values) m.sd += (v - m.mean) * (v - m.mean);
+  m.sd = values.size() > 1 ? std::sqrt(m.sd / (n - 1)) : 0;
+  return m;
+}
+
+double quantile(std::vector<double> values, double probability) {
+  std::sort(values.begin(), values.end());
+  const double at = probability * static_cast<double>(values.size() - 1);
+  const auto k = std::min(static_cast<std::size_t>(at), values.size() - 2);
+  return values[k] + (at - static_cast<double>(k)) * (values[k + 1] - values[k]);
+}
+
 Eigen::MatrixXd NoiseModel::covariance(std::span<const double> s) const {
   return variance() * correlation(s, strain_scale, white_sd * white_sd / variance());
 }

@@ -20,6 +20,15 @@ double student_t_quantile(double probability, double degrees_of_freedom);
 /// Variance of an estimate from those without each of its n data: (n - 1)/n times the sum of squares.
 double jackknife_variance(std::span<const double> without);
 
+struct MeanAndSd {
+  double mean = 0, sd = 0;
+};
+/// Mean and standard deviation (n - 1); the latter is 0 of a single value.
+MeanAndSd mean_and_sd(std::span<const double> values);
+
+/// Of two values or more, linear between them.
+double quantile(std::vector<double> values, double probability);
+
 /// cov(s_i, s_j) = wander_sd^2 exp(-|s_i - s_j|/strain_scale) + white_sd^2 [i = j].
 struct NoiseModel {
   double wander_sd = 0;

@@ -265,17 +265,6 @@ CrossValidation cross_validate(const SteadyFit& fit, const SteadyModel& model, c
   return result;
 }
 
-namespace {
-
-double quantile(std::vector<double> values, double probability) {
-  std::sort(values.begin(), values.end());
-  const double at = probability * static_cast<double>(values.size() - 1);
-  const auto k = std::min(static_cast<std::size_t>(at), values.size() - 2);
-  return values[k] + (at - static_cast<double>(k)) * (values[k + 1] - values[k]);
-}
-
-}  // namespace
-
 void add_bootstrap(SteadyFit& fit, const SteadyModel& model, const std::string& family,
                    const FitOptions& options) {
   std::map<double, std::vector<const SteadyDatum*>> conditions;

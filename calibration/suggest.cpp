@@ -58,12 +58,95 @@ struct Known {
   }
 };
 
-}  // namespace
-
-RunModel::RunModel(const std::vector<Observables>& observables, const Fit& fit) {
+std::map<std::string, double> seconds_of_runs(const std::vector<Observables>& observables) {
   std::map<std::string, double> seconds;
   for (const Observables& o : observables)
     for (const RunCost& cost : o.costs) seconds[cost.run] += cost.cpu_seconds;
+  return seconds;
+}
+
+/// The law of dilation: each parameter by its information, 1/variance, to which every further run adds.
+class KnownDilation {
+ public:
+  KnownDilation(const std::vector<Observables>& observables, const Fit& fit) : fit_(fit) {
+    const std::map<std::string, double> seconds = seconds_of_runs(observables);
+    for (const TransientCheck& c : fit.transient_checks) {
+      if (c.one_more_run.empty()) continue;
+      Group group{&c, 0, c.seeds};
+      for (const std::string& run : c.runs)
+        if (const auto found = seconds.find(run); found != seconds.end())
+          group.cost += found->second / static_cast<double>(c.seeds);
+      if (group.cost > 0) groups_.push_back(group);
+    }
+    for (const Estimate& e : fit.dilation.parameters) {
+      const double relative = e.value != 0 ? e.standard_error / std::abs(e.value) : 0;
+      variance_.push_back(relative * relative);
+    }
+    start_ = variance_;
+  }
+
+  /// Relative errors of the parameters that more runs could tell; the others are 0.
+  std::vector<double> relative_errors() const {
+    std::vector<double> errors;
+    for (double v : variance_) errors.push_back(groups_.empty() ? 0 : std::sqrt(v));
+    return errors;
+  }
+
+  /// The best group for parameter k. A rate of 0 means that none tells anything of it.
+  SuggestedRun best(std::size_t k) const {
+    SuggestedRun out;
+    double best_rate = 0;
+    for (const Group& g : groups_) {
+      const double after = with(g, k);
+      const double rate = (variance_[k] - after) / g.cost;
+      if (!(rate > best_rate)) continue;
+      best_rate = rate;
+      const TransientCheck& c = *g.check;
+      out.kind = c.kind;
+      out.I_driven = c.I_driven, out.I_before = c.I_before, out.load = c.load;
+      out.packing_friction = c.packing_friction;
+      out.seeds_there = g.seeds, out.core_seconds = g.cost;
+      out.worst = fit_.dilation.parameters[k].name;
+      out.error_before = std::sqrt(variance_[k]), out.error_after = std::sqrt(after);
+      out.log_det = 0;
+      for (std::size_t j = 0; j < variance_.size(); ++j) out.log_det += std::log(variance_[j] / with(g, j));
+    }
+    return out;
+  }
+
+  void add(const SuggestedRun& run) {
+    for (Group& g : groups_) {
+      const TransientCheck& c = *g.check;
+      if (c.kind != run.kind || c.I_driven != run.I_driven || c.I_before != run.I_before ||
+          c.load != run.load || c.packing_friction != run.packing_friction)
+        continue;
+      for (std::size_t k = 0; k < variance_.size(); ++k) variance_[k] = with(g, k);
+      ++g.seeds;
+      return;
+    }
+  }
+
+ private:
+  struct Group {
+    const TransientCheck* check;
+    double cost;
+    long seeds;
+  };
+  /// What one more run adds to the information of the start, of which it is a known share.
+  double with(const Group& g, std::size_t k) const {
+    if (!(variance_[k] > 0)) return variance_[k];
+    const double added = (1 / g.check->one_more_run[k] - 1) / start_[k];
+    return 1 / (1 / variance_[k] + added);
+  }
+  const Fit& fit_;
+  std::vector<Group> groups_;
+  std::vector<double> variance_, start_;
+};
+
+}  // namespace
+
+RunModel::RunModel(const std::vector<Observables>& observables, const Fit& fit) {
+  const std::map<std::string, double> seconds = seconds_of_runs(observables);
   struct Sums {
     double cost = 0, mu = 0, phi = 0, costs = 0, mus = 0, phis = 0;
   };
@@ -112,6 +195,7 @@ std::vector<SuggestedRun> suggest_runs(const std::vector<Observables>& observabl
                  to_eigen(fit.friction.coordinate_covariance)};
   Known solid{solid_fraction_model(fit.solid_fraction.member, bounds), &fit.solid_fraction,
               to_eigen(fit.solid_fraction.coordinate_covariance)};
+  KnownDilation dilation(observables, fit);
   std::map<double, long> there;
   for (const SteadyDatum& d : fit.friction_data) ++there[d.I_driven];
   // The conditions that exist, and between and above them twelve a decade.
@@ -140,6 +224,16 @@ std::vector<SuggestedRun> suggest_runs(const std::vector<Observables>& observabl
       for (std::size_t k = 0; k < errors.size(); ++k)
         if (errors[k] > error) error = errors[k], worst = k, worst_law = known;
     }
+    const std::vector<double> of_dilation = dilation.relative_errors();
+    const auto worst_of_dilation = std::max_element(of_dilation.begin(), of_dilation.end());
+    if (worst_of_dilation != of_dilation.end() && *worst_of_dilation > error) {
+      const SuggestedRun run =
+          dilation.best(static_cast<std::size_t>(worst_of_dilation - of_dilation.begin()));
+      if (run.core_seconds == 0) break;  // no transient that was made tells anything of it
+      dilation.add(run);
+      out.push_back(run);
+      continue;
+    }
     SuggestedRun best;
     double best_rate = 0;
     for (const double I : candidates) {
@@ -149,7 +243,11 @@ std::vector<SuggestedRun> suggest_runs(const std::vector<Observables>& observabl
       const double rate = (error * error - after * after) / cost;
       if (!(rate > best_rate)) continue;
       best_rate = rate;
-      best = {I,
+      best = {"steady",
+              I,
+              0,
+              0,
+              0,
               there.contains(I) ? there[I] : 0,
               cost,
               runs.mu_se(I),
@@ -168,31 +266,32 @@ std::vector<SuggestedRun> suggest_runs(const std::vector<Observables>& observabl
   return out;
 }
 
-std::string describe(const std::vector<SuggestedRun>& runs, const Fit& fit) {
-  std::string text = fmt::format("{:>9} {:>6} {:>13} {:>9} {:>9}  {}\n", "driven I", "seed", "core-seconds",
-                                 "se(mu)", "se(phi)", "made for: relative error before, after");
+std::string describe(const std::vector<SuggestedRun>& runs) {
+  std::string text = fmt::format("{:>13} {:>9} {:>6} {:>6} {:>13}  {}\n", "kind", "driven I", "packed",
+                                 "seed", "core-seconds", "made for: relative error before, after");
   double cost = 0;
-  std::map<double, std::vector<long>> seeds;
+  /// A case file has one list of seeds a section: runs that are alike but for the seed make one.
+  std::map<std::string, std::vector<long>> sections;
   for (const SuggestedRun& run : runs) {
-    text += fmt::format("{:9.4g} {:6} {:13.3g} {:9.2g} {:9.2g}  {} {:.2f} %, {:.2f} %\n", run.I_driven,
-                        run.seeds_there + 1, run.core_seconds, run.mu_se, run.phi_se, run.worst,
-                        100 * run.error_before, 100 * run.error_after);
+    text += fmt::format("{:>13} {:9.4g} {:>6} {:6} {:13.3g}  {} {:.2f} %, {:.2f} %\n", run.kind, run.I_driven,
+                        run.kind == "start_up" ? fmt::format("{:g}", run.packing_friction) : "",
+                        run.seeds_there + 1, run.core_seconds, run.worst, 100 * run.error_before,
+                        100 * run.error_after);
     cost += run.core_seconds;
-    seeds[run.I_driven].push_back(run.seeds_there + 1);
+    std::string section = fmt::format("[shear_cell.{}]\n", run.kind);
+    // The pressure of a pressure jump changes I: what was driven before is what the section asks for.
+    if (run.kind != "pressure_jump") section += fmt::format("I = [{:g}]\n", run.I_driven);
+    if (run.kind == "start_up") section += fmt::format("packing_friction = [{:g}]\n", run.packing_friction);
+    if (run.kind == "jump" || run.kind == "pressure_jump")
+      section += fmt::format("I_before = [{:g}]\n", run.I_before);
+    if (run.kind == "pressure_jump") section += fmt::format("pressure = [\"{:g} Pa\"]\n", run.load);
+    sections[section].push_back(run.seeds_there + 1);
   }
   text += fmt::format("together {:.3g} core-seconds, without packing new samples\n", cost);
-  for (const Estimate& e : fit.dilation.parameters)
-    if (e.value != 0 && !runs.empty() && e.standard_error / std::abs(e.value) > runs.front().error_before)
-      text += fmt::format(
-          "{} is known worse than any of these ({:.1f} %): more seeds of start-ups and jumps would tell it\n",
-          e.name, 100 * e.standard_error / std::abs(e.value));
-  // A case file has one list of I and one of seeds: conditions with the same seeds share a file.
-  std::map<std::vector<long>, std::vector<double>> sections;
-  for (const auto& [I, list] : seeds) sections[list].push_back(I);
-  if (sections.size() > 1) text += "\nEach section in a case file of its own:\n";
-  for (const auto& [list, I] : sections)
-    text += fmt::format("\n[shear_cell.steady]\nI = [{:g}]\nseeds = [{}]\n", fmt::join(I, ", "),
-                        fmt::join(list, ", "));
+  if (sections.size() > 1)
+    text += "\nEach section in a case file of its own, with the strains and frames of the first sweep:\n";
+  for (const auto& [section, seeds] : sections)
+    text += fmt::format("\n{}seeds = [{}]\n", section, fmt::join(seeds, ", "));
   return text;
 }
 

@@ -8,12 +8,15 @@
 
 namespace dem2sph {
 
-/// A steady run that would tell the most about the worst known parameter for its cost.
+/// A run that would tell the most about the worst known parameter for its cost: a steady one, or one more
+/// transient like those that were made.
 struct SuggestedRun {
+  std::string kind = "steady";  ///< or a kind of transient
   double I_driven = 0;
-  long seeds_there = 0;                      ///< runs at this I so far, those suggested before it included
+  double I_before = 0, load = 0, packing_friction = 0;  ///< of a transient; load in Pa
+  long seeds_there = 0;                      ///< runs like it so far, those suggested before it included
   double core_seconds = 0;                   ///< expected
-  double mu_se = 0, phi_se = 0;              ///< expected standard errors
+  double mu_se = 0, phi_se = 0;              ///< expected standard errors of a steady run
   std::string worst;                         ///< parameter that it is made for
   double error_before = 0, error_after = 0;  ///< of that, relative
   double log_det = 0;                        ///< by how much ln det of the covariance falls (D-optimality)
@@ -38,13 +41,14 @@ class RunModel {
   std::vector<Node> nodes_;
 };
 
-/// The next `count` steady runs, one after the other: each time the parameter of friction or solid fraction
-/// with the largest relative error is looked for, and of all I from the lowest that was run to `I_max` the
-/// one that lowers its variance most per core-second. The covariance is that of the fit, linear about it.
+/// The next `count` runs, one after the other: each time the parameter with the largest relative error is
+/// looked for. Of friction or solid fraction: of all I from the lowest that was run to `I_max` the one that
+/// lowers its variance most per core-second. Of dilation: of the groups of transients that were made, that of
+/// which one more seed does. The covariance is that of the fit, linear about it.
 std::vector<SuggestedRun> suggest_runs(const std::vector<Observables>& observables, const Fit& fit,
                                        long count, double I_max);
 
 /// For people: a table, and the section of a case file that makes these runs.
-std::string describe(const std::vector<SuggestedRun>& runs, const Fit& fit);
+std::string describe(const std::vector<SuggestedRun>& runs);
 
 }  // namespace dem2sph

@@ -166,7 +166,7 @@ TransientProblem::Part TransientProblem::part_of(std::size_t condition, const Di
   Part part{model, choice.offsets, {}, {}, {}, {}, 0};
   for (std::size_t r = 0; r < runs_.size(); ++r) {
     const BinnedTransient& run = runs_[r];
-    if (run.condition != condition || r == choice.without_run || run.group == choice.without_group ||
+    if (run.condition != condition || run.group == choice.without_group ||
         (choice.only_group != none && run.group != choice.only_group))
       continue;
     part.members.push_back(r);
@@ -231,41 +231,46 @@ TransientConstants TransientProblem::constants(const DilationModel& model, const
   return out;
 }
 
-std::vector<std::vector<double>> TransientProblem::without_each_run(const DilationModel& model,
-                                                                    const SteadySolidFraction& law,
-                                                                    const Weights& weights,
-                                                                    std::span<const double> x) const {
-  const Eigen::Index p = index(x.size());
-  struct Normal {
-    Eigen::MatrixXd square;
-    Eigen::VectorXd right;
-  };
-  const auto normal_of = [&](std::size_t condition, const Choice& choice) -> Normal {
-    const Part part = part_of(condition, model, law, weights, choice);
-    if (part.runs.empty()) return {Eigen::MatrixXd::Zero(p, p), Eigen::VectorXd::Zero(p)};
-    const Part::Projected projected = part.project(x);
-    return {projected.jacobian.transpose() * projected.jacobian,
-            projected.jacobian.transpose() * projected.residuals};
-  };
-  std::vector<Normal> of_condition;
-  Normal all{Eigen::MatrixXd::Zero(p, p), Eigen::VectorXd::Zero(p)};
-  for (std::size_t c = 0; c < conditions_; ++c) {
-    of_condition.push_back(normal_of(c, Choice()));
-    all.square += of_condition.back().square;
-    all.right += of_condition.back().right;
+RunInformation::Normal RunInformation::normal(std::span<const double> times) const {
+  std::map<std::size_t, Eigen::MatrixXd> conditions;
+  for (std::size_t r = 0; r < runs.size(); ++r) {
+    Eigen::MatrixXd& sum = conditions[runs[r].condition];
+    if (sum.size() == 0) sum = Eigen::MatrixXd::Zero(runs[r].products.rows(), runs[r].products.cols());
+    sum += times[r] * runs[r].products;
   }
-  std::vector<std::vector<double>> out;
+  const Eigen::Index n = runs.front().products.rows() - 2;
+  Normal out{Eigen::MatrixXd::Zero(n, n), Eigen::VectorXd::Zero(n)};
+  for (const auto& [condition, sum] : conditions) {
+    out.square += sum.topLeftCorner(n, n);
+    out.right += sum.col(n + 1).head(n);
+    if (!(sum(n, n) > 0)) continue;  // the law knows no offset, or no run of this condition counts
+    const Eigen::VectorXd by_offset = sum.col(n).head(n);
+    out.square -= by_offset * by_offset.transpose() / sum(n, n);
+    out.right -= by_offset * (sum(n, n + 1) / sum(n, n));
+  }
+  return out;
+}
+
+Eigen::VectorXd RunInformation::step(std::span<const double> times) const {
+  const Normal n = normal(times);
+  return n.square.ldlt().solve(n.right);
+}
+
+RunInformation TransientProblem::information(const DilationModel& model, const SteadySolidFraction& law,
+                                             const Weights& weights, std::span<const double> x) const {
+  const TransientConstants at = constants(model, law, weights, x, Choice());
+  const Eigen::Index n = index(x.size());
+  RunInformation out;
   for (std::size_t r = 0; r < runs_.size(); ++r) {
-    Choice choice;
-    choice.without_run = r;
-    const Normal rest = normal_of(runs_[r].condition, choice);
-    const Normal& with = of_condition[runs_[r].condition];
-    const Eigen::MatrixXd square = all.square - with.square + rest.square;
-    const Eigen::VectorXd right = all.right - with.right + rest.right;
-    const Eigen::VectorXd step = -square.ldlt().solve(right);
-    std::vector<double> moved(x.begin(), x.end());
-    for (std::size_t k = 0; k < moved.size(); ++k) moved[k] += step(index(k));
-    out.push_back(std::move(moved));
+    const CorrelatedResiduals left = residuals_of(r, model, law, x, at);
+    Eigen::MatrixXd columns(left.residuals.size(), n + 3);
+    columns << -left.jacobian, left.residuals;  // by coordinates, offset, phi_0
+    if (!weights.empty()) columns = weights[r] * columns;
+    const Eigen::VectorXd by_phi_0 = columns.col(n + 1);
+    Eigen::MatrixXd rest(columns.rows(), n + 2);
+    rest << columns.leftCols(n + 1), columns.col(n + 2);
+    rest -= by_phi_0 * (by_phi_0.transpose() * rest / by_phi_0.squaredNorm());
+    out.runs.push_back({runs_[r].condition, rest.transpose() * rest});
   }
   return out;
 }

@@ -44,6 +44,29 @@ struct TransientConstants {
   std::vector<double> phi_0;   ///< of each run
 };
 
+/// What runs say of the coordinates of a law, linear about a place: for jackknife, bootstrap, and what one
+/// more run would tell.
+class RunInformation {
+ public:
+  struct Run {
+    std::size_t condition = 0;
+    /// Inner products of the columns [d/d(coordinates), d/d(offset), residual], whitened, phi_0 projected
+    /// out.
+    Eigen::MatrixXd products;
+  };
+  std::vector<Run> runs;
+
+  /// J^T J and J^T r of the coordinates if run r counted `times[r]` times; the offset of each condition is
+  /// free.
+  struct Normal {
+    Eigen::MatrixXd square;
+    Eigen::VectorXd right;
+  };
+  Normal normal(std::span<const double> times) const;
+  /// The least-squares step of the coordinates then.
+  Eigen::VectorXd step(std::span<const double> times) const;
+};
+
 class TransientProblem {
  public:
   static constexpr std::size_t none = std::numeric_limits<std::size_t>::max();
@@ -62,7 +85,7 @@ class TransientProblem {
 
   /// Which runs take part, and whether they may have an offset.
   struct Choice {
-    std::size_t without_run = none, without_group = none, only_group = none;
+    std::size_t without_group = none, only_group = none;
     bool offsets = true;
   };
 
@@ -79,11 +102,9 @@ class TransientProblem {
   TransientConstants constants(const DilationModel& model, const SteadySolidFraction& law,
                                const Weights& weights, std::span<const double> x, const Choice& choice) const;
 
-  /// The least squares step of the coordinates from `x` if one run had not been there, for a jackknife:
-  /// J^T J and J^T r of the other conditions are kept.
-  std::vector<std::vector<double>> without_each_run(const DilationModel& model,
-                                                    const SteadySolidFraction& law, const Weights& weights,
-                                                    std::span<const double> x) const;
+  /// What each run says, linear about `x` and the best constants there, its phi_0 being free.
+  RunInformation information(const DilationModel& model, const SteadySolidFraction& law,
+                             const Weights& weights, std::span<const double> x) const;
 
   /// Residuals of phi, data less model, and their derivatives by the parameters that the run has.
   CorrelatedResiduals residuals_of(std::size_t run, const DilationModel& model,

@@ -10,6 +10,10 @@
 #include <thread>
 
 #include "calibration/report.hpp"
+#include "cases/compare.hpp"
+#include "cases/grains.hpp"
+#include "cases/precision.hpp"
+#include "dem_bridge/grain_flow_run.hpp"
 #include "dem_bridge/sweep.hpp"
 #include "sph/base/errors.hpp"
 #include "sph/base/provenance.hpp"
@@ -26,42 +30,6 @@ const ParameterTable chain_table{"chain",
                                  "How the links of `dem2sph run` belong together.",
                                  {{"shear_cell", Kind::file, "", 0, 0, "unset",
                                    "Case file with [material] and [shear_cell]; unset: this one."}}};
-
-struct Variant {
-  const char* folder;
-  const char* label;
-  bool dilation;
-};
-constexpr Variant variants[] = {{"flow_without_dilation", "without dilation", false},
-                                {"flow_with_dilation", "with dilation (Eq. 5.22)", true}};
-
-/// The case as one variant of the flow needs it.
-CaseFile case_of(const Variant& variant, const LawFile& law, const fs::path& path,
-                 std::vector<std::string> overrides) {
-  const char* evolves = law.dilation.member == "printed" ? "evolve_printed" : "evolve";
-  overrides.push_back(fmt::format("flow.dilation={}", variant.dilation ? evolves : "none"));
-  CaseFile file = load_case(path, overrides);
-  if (!variant.dilation)
-    for (const char* key : {"beta_lowest", "beta_highest", "beta_share"}) file.erase("flow", key);
-  return file;
-}
-
-/// A law like that of glass beads: stands in for the fitted one to check and plan a flow before anything has
-/// run.
-LawFile placeholder_law() {
-  const auto parameter = [](const char* name, double value) {
-    return FittedParameter{name, value, 0, "1", false};
-  };
-  LawFile law;
-  law.d = 1e-3;
-  law.rho_s = 2500;
-  law.friction = {
-      "rational", {parameter("mu_l", 0.38), parameter("mu_h", 0.64), parameter("D_star", 0.28)}, 0};
-  law.solid_fraction = {"linear", {parameter("phi_c", 0.6), parameter("b", 0.2)}, 0};
-  law.dilation = {"phi_relaxes", {parameter("s_star", 0.3)}, 0};
-  law.I = {1e-3, 1};
-  return law;
-}
 
 /// What `run` refuses, said before the first LIGGGHTS run instead of after the last.
 void check_chain(const CaseFile& file, const CaseFile& cell) {
@@ -97,6 +65,48 @@ json step_json(const std::string& what, double seconds, const std::vector<std::s
 
 }  // namespace
 
+CaseFile case_of(const FlowVariant& variant, const LawFile& law, const fs::path& path,
+                 std::vector<std::string> overrides) {
+  const char* evolves = law.dilation.member == "printed" ? "evolve_printed" : "evolve";
+  overrides.push_back(fmt::format("flow.dilation={}", variant.dilation ? evolves : "none"));
+  CaseFile file = load_case(path, overrides);
+  if (!variant.dilation)
+    for (const char* key : {"beta_lowest", "beta_highest", "beta_share"}) file.erase("flow", key);
+  return file;
+}
+
+LawFile law_of(const CaseFile& file, const fs::path& law_path) {
+  if (!law_path.empty() && file.has("law"))
+    throw UsageError(fmt::format("{}: has a section [law], and --law was given: use one of the two",
+                                 file.path().string()));
+  return law_path.empty() ? law_of_case(file) : read_law_file(law_path);
+}
+
+FlowOptions reusing_flow(const fs::path& folder, const CommonOptions& options) {
+  FlowOptions flow;
+  flow.folder = folder;
+  flow.force = options.force;
+  flow.reuse = true;
+  flow.quiet = options.quiet;
+  flow.threads = options.threads;
+  return flow;
+}
+
+LawFile typical_law() {
+  const auto parameter = [](const char* name, double value) {
+    return FittedParameter{name, value, 0, "1", false};
+  };
+  LawFile law;
+  law.d = 1e-3;
+  law.rho_s = 2500;
+  law.friction = {
+      "rational", {parameter("mu_l", 0.38), parameter("mu_h", 0.64), parameter("D_star", 0.28)}, 0};
+  law.solid_fraction = {"linear", {parameter("phi_c", 0.6), parameter("b", 0.2)}, 0};
+  law.dilation = {"phi_relaxes", {parameter("s_star", 0.3)}, 0};
+  law.I = {1e-3, 1};
+  return law;
+}
+
 int jobs_or_cores(int jobs) {
   return jobs > 0 ? jobs : static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
 }
@@ -107,6 +117,9 @@ CaseFile load_case(const fs::path& path, const std::vector<std::string>& overrid
   for (const ParameterTable* table : flow_tables()) tables.push_back(table);
   tables.push_back(&fit_table);
   tables.push_back(&chain_table);
+  tables.push_back(&bridge::grain_flow_table);
+  tables.push_back(&compare_table);
+  tables.push_back(&precision_table);
   file.validate(tables);
   return file;
 }
@@ -130,15 +143,15 @@ std::string plan_chain(const CaseFile& file, const CommonOptions& options) {
   if (cell.has("shear_cell"))
     text += bridge::describe(bridge::plan_sweep(cell, bridge::engine_unknown), jobs_or_cores(options.jobs));
   if (file.has("flow")) {
+    if (file.has(bridge::grain_flow_table.section)) text += plan_grains(file);
     if (file.has("law")) {
       text += plan_flow(file, law_of_case(file));
     } else if (file.section(*flow_tables().front()).given("dilation")) {
-      text += "with a typical law in place of a fitted one:\n" + plan_flow(file, placeholder_law());
+      text += "with a typical law in place of a fitted one:\n" + plan_flow(file, typical_law());
     } else {
       text += "with a typical law in place of the fitted one:\n";
-      for (const Variant& variant : variants)
-        text +=
-            plan_flow(case_of(variant, placeholder_law(), file.path(), options.overrides), placeholder_law());
+      for (const FlowVariant& variant : flow_variants)
+        text += plan_flow(case_of(variant, typical_law(), file.path(), options.overrides), typical_law());
     }
   }
   if (text.empty())
@@ -151,8 +164,8 @@ json run_chain(const fs::path& case_path, const fs::path& folder, const CommonOp
   const CaseFile file = load_case(case_path, options.overrides);
   const CaseFile cell = shear_cell_case(file);
   check_chain(file, cell);
-  for (const Variant& variant : variants)
-    plan_flow(case_of(variant, placeholder_law(), case_path, options.overrides), placeholder_law());
+  for (const FlowVariant& variant : flow_variants)
+    plan_flow(case_of(variant, typical_law(), case_path, options.overrides), typical_law());
   const Section fit_section = file.section(fit_table);
   const FitOptions fit_options = FitOptions::from(fit_section);
   fs::create_directories(folder);
@@ -190,20 +203,16 @@ json run_chain(const fs::path& case_path, const fs::path& folder, const CommonOp
   // Flows.
   const LawFile law = read_law_file(folder / "law.json");
   json flows = json::array();
-  for (const Variant& variant : variants) {
+  for (const FlowVariant& variant : flow_variants) {
     Stopwatch flow_time;
     if (variant.dilation && law.dilation.member == "none") {
       spdlog::warn("no transients, so no law of dilation: the flow with dilation is left out");
       continue;
     }
-    FlowOptions flow_options;
-    flow_options.folder = folder / variant.folder;
-    flow_options.force = options.force;
-    flow_options.reuse = true;
-    flow_options.quiet = options.quiet;
-    flow_options.threads = options.threads;
-    const json summary = run_flow(case_of(variant, law, case_path, options.overrides), law, flow_options);
-    const std::string file_name = fmt::format("{}/summary.json", variant.folder);
+    const std::string name = fmt::format("flow_{}", variant.name);
+    const json summary = run_flow(case_of(variant, law, case_path, options.overrides), law,
+                                  reusing_flow(folder / name, options));
+    const std::string file_name = name + "/summary.json";
     flows.push_back({{"label", variant.label}, {"summary", file_name}});
     steps.push_back(
         step_json(fmt::format("flow {} ({} particles, {} steps)", variant.label,

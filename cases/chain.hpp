@@ -12,6 +12,7 @@
 
 #include "calibration/fit.hpp"
 #include "sph/base/case_file.hpp"
+#include "sph/run_flow.hpp"
 
 namespace dem2sph {
 
@@ -23,6 +24,28 @@ struct CommonOptions {
   bool force = false;
   bool quiet = false;
 };
+
+/// The flow of a case as it is run for a comparison: with and without the law of dilation.
+struct FlowVariant {
+  const char* name;   ///< "with_dilation", of folders
+  const char* label;  ///< for people
+  bool dilation;
+};
+inline constexpr FlowVariant flow_variants[] = {{"without_dilation", "without dilation", false},
+                                                {"with_dilation", "with dilation (Eq. 5.22)", true}};
+/// The case as a variant needs it: the member of dilation that `law` has, or none, and then no limits of
+/// beta.
+CaseFile case_of(const FlowVariant& variant, const LawFile& law, const std::filesystem::path& path,
+                 std::vector<std::string> overrides);
+
+/// The law of a case: its section [law], or the file that was given. Throws UsageError for both or none.
+LawFile law_of(const CaseFile& file, const std::filesystem::path& law_path);
+
+/// Options of a flow that a larger command runs into `folder` and takes from there when it is given again.
+FlowOptions reusing_flow(const std::filesystem::path& folder, const CommonOptions& options);
+
+/// A law like that of glass beads: stands in for the fitted one where only its being there matters.
+LawFile typical_law();
 
 /// Reads a case and checks all of it against every table there is.
 CaseFile load_case(const std::filesystem::path& path, const std::vector<std::string>& overrides);

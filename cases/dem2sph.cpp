@@ -11,6 +11,11 @@
 #include "calibration/suggest.hpp"
 #include "cases/case_template.hpp"
 #include "cases/chain.hpp"
+#include "cases/compare.hpp"
+#include "cases/grains.hpp"
+#include "cases/left_out.hpp"
+#include "cases/plan_picture.hpp"
+#include "cases/precision.hpp"
 #include "dem_bridge/sweep.hpp"
 #include "sph/base/errors.hpp"
 #include "sph/base/frame.hpp"
@@ -38,6 +43,7 @@ struct Options : CommonOptions {
   std::string fields = "x,v,p";
   bool as_json = false;
   bool dry_run = false;
+  bool measure = false;
 };
 
 void print(const Options& options, const json& result, const std::string& text) {
@@ -85,9 +91,31 @@ ExitCode init(const Options& options) {
   return ExitCode::ok;
 }
 
+/// A file that a command is to write: not there yet (or --force), its folder made.
+void prepare_output(const Options& options) {
+  if (fs::exists(options.output) && !options.force)
+    throw UsageError(
+        fmt::format("{}: is there already; use --force to overwrite it", options.output.string()));
+  if (options.output.has_parent_path()) fs::create_directories(options.output.parent_path());
+}
+
 ExitCode plan(const Options& options) {
-  const std::string text = plan_chain(load_case(options.case_file, options.overrides), options);
-  print(options, {{"plan", text}}, text);
+  const CaseFile file = load_case(options.case_file, options.overrides);
+  std::string text = plan_chain(file, options);
+  if (!options.output.empty()) {
+    prepare_output(options);
+    write_file_atomically(options.output, picture_of_plan(file));
+    text += fmt::format("drawn in {}\n", options.output.string());
+  }
+  json result{{"plan", text}};
+  if (options.measure) {
+    const LawFile law = options.law.empty() && !file.has("law") ? typical_law() : law_of(file, options.law);
+    result["left_out"] = measure_left_out(options.case_file, law, options);
+    text += describe_left_out(result["left_out"]);
+  } else if (!options.law.empty()) {
+    throw UsageError("--law belongs to --measure: a plan takes a typical law");
+  }
+  print(options, result, text);
   return ExitCode::ok;
 }
 
@@ -134,14 +162,6 @@ ExitCode sweep_retry(const Options& options) {
                       options);
 }
 
-/// A file that a command is to write: not there yet (or --force), its folder made.
-void prepare_output(const Options& options) {
-  if (fs::exists(options.output) && !options.force)
-    throw UsageError(
-        fmt::format("{}: is there already; use --force to overwrite it", options.output.string()));
-  if (options.output.has_parent_path()) fs::create_directories(options.output.parent_path());
-}
-
 ExitCode seal(const Options& options) {
   seal_hdf5(options.output);
   return ExitCode::ok;
@@ -174,7 +194,11 @@ ExitCode suggest(const Options& options) {
   const std::vector<SuggestedRun> runs = suggest_runs(observables, result, options.count, options.I_max);
   json rows = json::array();
   for (const SuggestedRun& run : runs)
-    rows.push_back({{"I_driven", run.I_driven},
+    rows.push_back({{"kind", run.kind},
+                    {"I_driven", run.I_driven},
+                    {"I_before", run.I_before},
+                    {"load", run.load},
+                    {"packing_friction", run.packing_friction},
                     {"seed", run.seeds_there + 1},
                     {"core_seconds", run.core_seconds},
                     {"mu_se", run.mu_se},
@@ -183,16 +207,13 @@ ExitCode suggest(const Options& options) {
                     {"relative_error_before", run.error_before},
                     {"relative_error_after", run.error_after},
                     {"log_det", run.log_det}});
-  print(options, {{"runs", rows}}, describe(runs, result));
+  print(options, {{"runs", rows}}, describe(runs));
   return ExitCode::ok;
 }
 
 ExitCode flow(const Options& options) {
   const CaseFile file = load_case(options.case_file, options.overrides);
-  if (!options.law.empty() && file.has("law"))
-    throw UsageError(fmt::format("{}: has a section [law], and --law was given: use one of the two",
-                                 options.case_file.string()));
-  const LawFile law = options.law.empty() ? law_of_case(file) : read_law_file(options.law);
+  const LawFile law = law_of(file, options.law);
   if (options.dry_run) {
     const std::string text = plan_flow(file, law);
     print(options, {{"plan", text}}, text);
@@ -214,6 +235,89 @@ ExitCode flow(const Options& options) {
                         deposit.at("centre_height_over_L0").get<double>());
   }
   print(options, summary, text);
+  return ExitCode::ok;
+}
+
+ExitCode dem(const Options& options) {
+  const CaseFile file = load_case(options.case_file, options.overrides);
+  if (options.dry_run) {
+    const std::string text = plan_grains(file);
+    print(options, {{"plan", text}}, text);
+    return ExitCode::ok;
+  }
+  log_to(options.output);
+  const json summary = run_grains(file, options.output, options);
+  const auto figure = [&](const char* where) {
+    const json& m = summary.at(json::json_pointer(where));
+    return fmt::format("{:.4g} +- {:.2g}", m.at("mean").get<double>(), m.at("sd").get<double>());
+  };
+  std::string text =
+      fmt::format("{} seeds (mean and standard deviation): {} grains, solid fraction {}\n",
+                  summary.at("seeds").size(), figure("/particles"), figure("/initial/solid_fraction"));
+  if (summary.contains("deposit"))
+    text += fmt::format("run-out {} L0, centre height {} L0, at rest after {} sqrt(H/g)\n",
+                        figure("/deposit/runout"), figure("/deposit/centre_height_over_L0"),
+                        figure("/deposit/time_over_tau"));
+  text += fmt::format("{}\n", (options.output / "summary.json").string());
+  print(options, summary, text);
+  return ExitCode::ok;
+}
+
+ExitCode compare(const Options& options) {
+  if (options.dry_run) {
+    const std::string text = plan_comparison(options.case_file, options.law, options);
+    print(options, {{"plan", text}}, text);
+    return ExitCode::ok;
+  }
+  log_to(options.output);
+  const json result = run_comparison(options.case_file, options.law, options.output, options);
+  std::string text;
+  for (const json& variant : result.at("variants")) {
+    text += fmt::format("SPH {}\n", variant.at("label").get<std::string>());
+    for (const json& m : variant.at("measures"))
+      text += fmt::format(
+          "  {:<46} grains {:>9.4g} +- {:<8.2g} SPH {:>9.4g}  {:+6.1f} %{}\n",
+          fmt::format("{} [{}]", m.at("name").get<std::string>(), m.at("unit").get<std::string>()),
+          m.at("dem").get<double>(), m.at("dem_sd").get<double>(), m.at("sph").get<double>(),
+          100 * m.at("relative_difference").get<double>(),
+          !m.contains("bar")           ? ""
+          : m.at("within").get<bool>() ? ""
+                                       : "  missed");
+    for (const json& d : variant.at("distances"))
+      text += fmt::format("  {:<46} L2 {:6.2f} %, of a seed from the others {:6.2f} %{}\n",
+                          d.at("name").get<std::string>(), 100 * d.at("L2").get<double>(),
+                          100 * d.at("seeds_L2").get<double>(),
+                          !d.contains("bar")           ? ""
+                          : d.at("within").get<bool>() ? ""
+                                                       : "  missed");
+  }
+  text += fmt::format("{}\n", (options.output / "report.html").string());
+  print(options, result, text);
+  return ExitCode::ok;
+}
+
+ExitCode precision(const Options& options) {
+  if (options.dry_run) {
+    const std::string text = plan_precision(options.case_file, options.law, options);
+    print(options, {{"plan", text}}, text);
+    return ExitCode::ok;
+  }
+  log_to(options.output);
+  const json result = run_precision(options.case_file, options.law, options.output, options);
+  std::string text =
+      fmt::format("{:<34} {:>13} {:>14} {:>9}\n", "run", "core-seconds", "particle-steps", "error");
+  for (const json& p : result.at("points"))
+    text +=
+        p.contains("failure")
+            ? fmt::format("{:<34} {}\n", p.at("name").get<std::string>(), p.at("failure").get<std::string>())
+            : fmt::format("{:<34} {:>13.3g} {:>14.2g} {:>8.2f} %{}\n",
+                          (p.at("family") == "grains" ? "grains of " : "") + p.at("name").get<std::string>(),
+                          p.at("core_seconds").get<double>(), p.at("particle_steps").get<double>(),
+                          100 * p.at("error").get<double>(),
+                          p.at("on_pareto_front").get<bool>() ? "  on the Pareto front" : "");
+  text += fmt::format("{}\n{}\n", result.at("verdict").get<std::string>(),
+                      (options.output / "report.html").string());
+  print(options, result, text);
   return ExitCode::ok;
 }
 
@@ -264,6 +368,9 @@ int program(int argc, char** argv) {
   app.require_subcommand(1);
   app.footer(
       "Examples:\n"
+      "  dem2sph dem cases/column_collapse/case.toml -o grains  the same flow with grains\n"
+      "  dem2sph compare cases/comparison/collapse.toml --law law.json -o out   both, and how far they "
+      "differ\n"
       "  dem2sph init my_case                                  a commented case to start from\n"
       "  dem2sph run my_case/case.toml -o out                  grains, law, flow, report\n"
       "  dem2sph sweep cases/shear_cell/case.toml -o grains    only the grains\n"
@@ -322,8 +429,13 @@ int program(int argc, char** argv) {
   forces(add(app, "init", "Write a commented case to start from", init))
       ->add_option("DIR", options.output, "Folder to make")
       ->required();
-  parallel(overrides(
-      takes_case(add(app, "plan", "Check a case; print what will run, what is left out, the cost", plan))));
+  CLI::App* planning = forces(parallel(overrides(
+      takes_case(add(app, "plan", "Check a case; print what will run, what is left out, the cost", plan)))));
+  planning->add_option("--svg", options.output,
+                       "Draw the geometry as SPH and as grains have it, into this file");
+  planning->add_flag("--measure", options.measure,
+                     "Measure what each part that is left out would cost, by switching it on");
+  planning->add_option("--law", options.law, "Law file of a fit, for --measure");
   // `sweep CASE -o DIR`, or `sweep status DIR`, `sweep retry DIR`, `sweep prune DIR`.
   CLI::App* sweeping = overrides(
       dry(parallel(shows_progress(add(app, "sweep", "Run what is missing of the LIGGGHTS runs", sweep)))));
@@ -347,7 +459,7 @@ int program(int argc, char** argv) {
   fitting->add_option("OBSERVABLES", options.observables, "observables.h5, one or more")->required();
   fitting->add_option("--case", options.case_file, "Case file with a section [fit]");
   CLI::App* suggesting =
-      overrides(add(app, "suggest", "Which steady runs would tell the most for their cost", suggest));
+      overrides(add(app, "suggest", "Which runs would tell the most for their cost", suggest));
   suggesting->add_option("OBSERVABLES", options.observables, "observables.h5, one or more")->required();
   suggesting->add_option("--case", options.case_file, "Case file with a section [fit]");
   suggesting->add_option("--count", options.count, "How many runs")
@@ -359,6 +471,17 @@ int program(int argc, char** argv) {
   CLI::App* flowing = add(app, "flow", "Run the SPH flow of a case", flow);
   forces(
       shows_progress(threads(dry(overrides(writes(takes_case(flowing), "Folder for summary and frames"))))))
+      ->add_option("--law", options.law, "Law file of a fit; without it the case needs a section [law]");
+  forces(shows_progress(parallel(dry(
+      overrides(writes(takes_case(add(app, "dem", "Run the flow of a case with grains, in LIGGGHTS", dem)),
+                       "Folder for summary and frames"))))));
+  forces(shows_progress(threads(parallel(dry(overrides(writes(
+             takes_case(add(app, "compare", "Grains and SPH on one geometry: how far they differ", compare)),
+             "Folder for everything")))))))
+      ->add_option("--law", options.law, "Law file of a fit; without it the case needs a section [law]");
+  forces(shows_progress(threads(parallel(
+             dry(overrides(writes(takes_case(add(app, "precision", "Error against run time", precision)),
+                                  "Folder for everything")))))))
       ->add_option("--law", options.law, "Law file of a fit; without it the case needs a section [law]");
   CLI::App* running = add(app, "run", "The whole chain: grains, law, flow, report", run);
   forces(shows_progress(

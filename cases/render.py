@@ -4,22 +4,19 @@
 import argparse
 import os
 import sys
-import xml.etree.ElementTree as xml
 
 from paraview.simple import (
     Calculator,
     ColorBy,
-    CreateView,
-    GetColorTransferFunction,
-    GetScalarBar,
     Render,
     SaveScreenshot,
     Show,
-    Text,
     Threshold,
     Transform,
     XMLPolyDataReader,
 )
+
+from rendering import colour_by, look_at, series, text, white_view
 
 parser = argparse.ArgumentParser()
 parser.add_argument("folder")
@@ -29,25 +26,17 @@ parser.add_argument("--frames", type=int, nargs="+", help="numbers of frames; de
 parser.add_argument("--size", type=int, nargs=2, default=[1100, 760])
 options = parser.parse_args()
 
-series = [
-    (float(e.get("timestep")), os.path.join(options.folder, e.get("file")))
-    for e in xml.parse(os.path.join(options.folder, "frames.pvd")).iter("DataSet")
-]
-chosen = options.frames or [0, len(series) // 4, len(series) - 1]
+frames = series(options.folder)
+chosen = options.frames or [0, len(frames) // 4, len(frames) - 1]
 for number in chosen:
-    if number >= len(series):
-        sys.exit(f"there are frames 0 to {len(series) - 1}, not {number}")
+    if number >= len(frames):
+        sys.exit(f"there are frames 0 to {len(frames) - 1}, not {number}")
 
 units = {"v": "speed [m/s]", "p": "pressure [Pa]", "mu": "friction", "phi": "solid fraction",
          "beta": "dilation rate", "gamma_dot": "shear rate [1/s]"}
-view = CreateView("RenderView")
-view.ViewSize = options.size
-view.Background = [1, 1, 1]
-view.UseColorPaletteForBackground = 0
-view.OrientationAxesVisibility = 0
-view.InteractionMode = "2D"
+view = white_view(options.size)
 
-readers = [XMLPolyDataReader(FileName=[series[n][1]]) for n in chosen]
+readers = [XMLPolyDataReader(FileName=[frames[n][1]]) for n in chosen]
 for reader in readers:
     reader.UpdatePipeline()
 bounds = readers[0].GetDataInformation().GetBounds()
@@ -78,23 +67,10 @@ for row, (number, reader) in enumerate(zip(chosen, readers)):
     drawn.PointSize = 5
     ColorBy(drawn, ("POINTS", array))
     shown.append(drawn)
-    label = Show(Text(Text=f"t = {series[number][0]:.3f} s"), view)
-    label.WindowLocation = "Any Location"
-    label.FontSize = 18
-    label.Color = [0.1, 0.1, 0.1]
+    label = text(view, f"t = {frames[number][0]:.3f} s", 18)
     labels.append(label)
 
-colours = GetColorTransferFunction(array)
-colours.ApplyPreset("Viridis (matplotlib)", True)
-colours.RescaleTransferFunction(lowest, highest)
-bar = GetScalarBar(colours, view)
-bar.Title = units.get(options.field, options.field)
-bar.ComponentTitle = ""
-bar.TitleColor = bar.LabelColor = [0.1, 0.1, 0.1]
-bar.WindowLocation = "Any Location"
-bar.Orientation = "Horizontal"
-bar.Position = [0.62, 0.88]
-bar.ScalarBarLength = 0.3
+colour_by(view, array, units.get(options.field, options.field), lowest, highest, [0.62, 0.88], 0.3)
 shown[-1].SetScalarBarVisibility(view, True)
 
 # Look at all rows. The first rendering sets the camera by itself, so ours comes after it.
@@ -105,11 +81,7 @@ centre_x = 0.5 * (bounds[0] + right)
 centre_y = 0.5 * (bounds[3] + bounds[2] - pitch * (len(chosen) - 1))
 aspect = options.size[0] / options.size[1]
 half = 0.52 * max(height + pitch * (len(chosen) - 1), (right - bounds[0]) / aspect)
-view.CameraPosition = [centre_x, centre_y, 1]
-view.CameraFocalPoint = [centre_x, centre_y, 0]
-view.CameraViewUp = [0, 1, 0]
-view.CameraParallelProjection = 1
-view.CameraParallelScale = half
+look_at(view, (centre_x, centre_y), half)
 for row, label in enumerate(labels):
     middle = 0.5 * (bounds[2] + bounds[3]) - pitch * row
     label.Position = [0.62, 0.5 + 0.5 * (middle - centre_y) / half]

@@ -4,13 +4,33 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <utility>
 
 #include "dem_bridge/contact_force.hpp"
 #include "sph/base/errors.hpp"
 
 namespace dem2sph::bridge {
+namespace {
+
+Particle particle_of(const Grain& grain, double rho_s) {
+  const double volume = grain.volume();
+  return {grain.x, grain.v, rho_s * volume, volume, {}};
+}
+
+/// A field of a frame with as many components a particle as it has to have.
+const std::vector<double>& values_of(const Frame& frame, const char* name, std::size_t components) {
+  const FrameField& field = frame.field(name);
+  if (field.components != components || field.values.size() != components * frame.size())
+    throw InputError(fmt::format("frame of step {}: \"{}\" has not {} components a particle", frame.step,
+                                 name, components));
+  return field.values;
+}
+
+Vec<3> vector_at(const std::vector<double>& values, std::size_t i) {
+  return {{values[3 * i], values[3 * i + 1], values[3 * i + 2]}};
+}
+
+}  // namespace
 
 Snapshot snapshot_of(const GrainFrame& grains, const ContactFrame& contacts,
                      const GrainProperties& properties) {
@@ -24,8 +44,7 @@ Snapshot snapshot_of(const GrainFrame& grains, const ContactFrame& contacts,
   const GrainIndex index(grains);
   for (const Grain& grain : grains.grains) {
     if (is_wall(grain)) continue;
-    const double volume = 4.0 / 3 * std::numbers::pi * grain.radius * grain.radius * grain.radius;
-    snapshot.particles.push_back({grain.x, grain.v, properties.rho_s * volume, volume, {}});
+    snapshot.particles.push_back(particle_of(grain, properties.rho_s));
   }
   for (const Contact& contact : contacts.contacts) {
     JoinedContact joined = join(contact, grains, index, properties.grain_friction, properties.cohesion);
@@ -51,15 +70,9 @@ Snapshot snapshot_of(const GrainFrame& grains, const ContactFrame& contacts,
 Snapshot snapshot_of(const Frame& frame, const SphProperties& properties) {
   if (!(properties.mass > 0) || !(properties.rho_s > 0))
     throw UsageError("coarse-graining of SPH particles needs their mass and the density of the solid");
-  const auto values = [&](const char* name, std::size_t components) -> const std::vector<double>& {
-    const FrameField& field = frame.field(name);
-    if (field.components != components || field.values.size() != components * frame.size())
-      throw InputError(fmt::format("frame of step {}: \"{}\" has not {} components a particle", frame.step,
-                                   name, components));
-    return field.values;
-  };
-  const std::vector<double>&x = values("x", 3), &v = values("v", 3), &rho = values("rho", 1),
-        &kind = values("kind", 1), &stress = values("stress", 6);
+  const std::vector<double>&x = values_of(frame, "x", 3), &v = values_of(frame, "v", 3),
+        &rho = values_of(frame, "rho", 1), &kind = values_of(frame, "kind", 1),
+        &stress = values_of(frame, "stress", 6);
   const bool turns = frame.dimension == 2 && properties.plane == PlaneStrain::in_x_and_z;
   Snapshot snapshot;
   for (std::size_t i = 0; i < frame.size(); ++i) {
@@ -68,10 +81,8 @@ Snapshot snapshot_of(const Frame& frame, const SphProperties& properties) {
       throw InputError(
           fmt::format("frame of step {}: particle {} has the density {}", frame.step, i, rho[i]));
     Particle p;
-    for (int k = 0; k < 3; ++k) {
-      p.x[k] = x[3 * i + static_cast<std::size_t>(k)];
-      p.v[k] = v[3 * i + static_cast<std::size_t>(k)];
-    }
+    p.x = vector_at(x, i);
+    p.v = vector_at(v, i);
     p.mass = properties.mass;
     p.solid_volume = properties.mass / properties.rho_s;
     // Both orders are xx yy zz xy xz yz.
@@ -85,6 +96,20 @@ Snapshot snapshot_of(const Frame& frame, const SphProperties& properties) {
       p.stress_volume = {{t(0, 0), t(2, 2), t(1, 1), -t(0, 2), t(0, 1), -t(1, 2)}};
     }
     snapshot.particles.push_back(p);
+  }
+  return snapshot;
+}
+
+Snapshot snapshot_of_grains(const Frame& frame, double rho_s) {
+  const std::vector<double>&x = values_of(frame, "x", 3), &v = values_of(frame, "v", 3),
+        &radius = values_of(frame, "radius", 1);
+  Snapshot snapshot;
+  snapshot.particles.reserve(frame.size());
+  for (std::size_t i = 0; i < frame.size(); ++i) {
+    Grain grain;
+    grain.x = vector_at(x, i), grain.v = vector_at(v, i);
+    grain.radius = radius[i];
+    snapshot.particles.push_back(particle_of(grain, rho_s));
   }
   return snapshot;
 }

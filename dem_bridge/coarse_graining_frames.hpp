@@ -45,6 +45,9 @@ struct SphProperties {
 /// in metres of depth, whatever the depth of a slab of grains beside it.
 Snapshot snapshot_of(const Frame& frame, const SphProperties& properties);
 
+/// The grains of a flow (`dem2sph dem`), which a frame holds with their radius. No contacts.
+Snapshot snapshot_of_grains(const Frame& frame, double rho_s);
+
 /// `points` points in the middles of as many equal intervals between `low` and `high`.
 Axis axis_between(int direction, double low, double high, std::size_t points);
 

@@ -13,147 +13,29 @@
 #include <string_view>
 #include <utility>
 
+#include "dem_bridge/deck_text.hpp"
 #include "sph/base/errors.hpp"
 
 namespace dem2sph::bridge {
 namespace {
 
-constexpr std::size_t sizes = 5;
-
-/// Diameters over d: equal steps from 1 - spread to 1 + spread.
-std::array<double, sizes> size_classes(double spread) {
-  return {1 - spread, 1 - spread / 2, 1.0, 1 + spread / 2, 1 + spread};
-}
-
 /// Volume of all grains over d^3.
 double solid_volume(const Sample& sample) {
-  double cubes = 0;
-  for (const double s : size_classes(sample.material.size_spread)) cubes += s * s * s / sizes;
-  return static_cast<double>(sample.grains) * std::numbers::pi / 6 * cubes;
-}
-
-bool is_prime(std::int64_t n) {
-  if (n % 2 == 0) return n == 2;
-  for (std::int64_t k = 3; k * k <= n; k += 2)
-    if (n % k == 0) return false;
-  return n > 1;
-}
-
-/// LIGGGHTS takes only primes above 10000, and its generators must not start alike. They are drawn from the
-/// run's seed by SplitMix64 (Steele, Lea, Flood 2014) between 10^6 and 10^8, each moved on to the next prime.
-std::vector<std::int64_t> prime_seeds(std::int64_t seed, std::size_t count) {
-  std::vector<std::int64_t> primes;
-  auto state = static_cast<std::uint64_t>(seed);
-  while (primes.size() < count) {
-    state += 0x9e3779b97f4a7c15ULL;
-    std::uint64_t z = state;
-    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ULL;
-    z = (z ^ (z >> 27)) * 0x94d049bb133111ebULL;
-    z ^= z >> 31;
-    auto candidate = static_cast<std::int64_t>(1'000'000 + z % 99'000'000);
-    while (!is_prime(candidate)) ++candidate;
-    if (std::find(primes.begin(), primes.end(), candidate) == primes.end()) primes.push_back(candidate);
-  }
-  return primes;
+  return static_cast<double>(sample.grains) * std::numbers::pi / 6 * mean_cube(sample.material.size_spread);
 }
 
 double inertial_time(const GrainMaterial& m, double pressure) { return m.d * std::sqrt(m.rho_s / pressure); }
-
-double grain_mass(const GrainMaterial& m, double diameter_over_d) {
-  return m.rho_s * std::numbers::pi / 6 * std::pow(diameter_over_d * m.d, 3);
-}
-
-/// Of the damping to the critical one, for the restitution wanted.
-double damping_ratio(const GrainMaterial& m) {
-  const double log_e = std::log(m.restitution);
-  return -log_e / std::hypot(std::numbers::pi, log_e);
-}
-
-struct HookeContact {
-  double k_n, k_t, damping;
-};
-
-/// Linear spring and dashpot with the restitution wanted, for two grains of diameter d.
-HookeContact hooke_contact(const Sample& sample) {
-  const GrainMaterial& m = sample.material;
-  const double k_n = m.stiffness * sample.pressure * m.d;
-  const double frequency = std::sqrt(k_n / (0.5 * grain_mass(m, 1)));
-  // k_t/k_n = 0.8: Mindlin's 2 (1 - nu)/(2 - nu) at nu = 0.3. The engine multiplies the damping by the
-  // effective mass.
-  return {k_n, 0.8 * k_n, 2 * damping_ratio(m) * frequency};
-}
-
-std::string repeated(double value, int times) {
-  std::string text;
-  for (int i = 0; i < times; ++i) text += fmt::format(" {:.10g}", value);
-  return text;
-}
-
-/// A deck is a text of lines.
-class Deck {
- public:
-  template <class... Args>
-  void add(fmt::format_string<Args...> format, Args&&... args) {
-    fmt::format_to(std::back_inserter(text_), format, std::forward<Args>(args)...);
-    text_ += '\n';
-  }
-  std::string text() && { return std::move(text_); }
-
- private:
-  std::string text_;
-};
 
 void add_header(Deck& deck, std::string_view what, std::string_view z_boundary) {
   deck.add(
       "# dem2sph shear cell, deck version {}: {}. Made from typed values, not meant to be edited. SI units.",
       deck_version, what);
-  deck.add("units si");
-  deck.add("atom_style granular");
-  deck.add("atom_modify map array");
-  deck.add("boundary p p {}", z_boundary);
-  deck.add("newton off");
-  deck.add("communicate single vel yes");
+  add_settings(deck, fmt::format("p p {}", z_boundary));
 }
 
-void add_friction(Deck& deck, double friction) {
-  deck.add("fix friction all property/global coefficientFriction peratomtypepair 3{}", repeated(friction, 9));
-}
-
-/// Neighbours, properties, contact law, time step: a restart file keeps none of them.
+/// All three types, flow and walls, are of one material.
 void add_material(Deck& deck, const Sample& sample, double friction, double step) {
-  const GrainMaterial& m = sample.material;
-  deck.add("neighbor {:.10g} bin", 0.25 * m.d);
-  deck.add("neigh_modify delay 0");
-  if (m.contact == ContactModel::hertz) {
-    deck.add("fix young all property/global youngsModulus peratomtype{}", repeated(m.youngs_modulus, 3));
-    deck.add("fix poisson all property/global poissonsRatio peratomtype{}", repeated(m.poisson_ratio, 3));
-    deck.add("fix bounce all property/global coefficientRestitution peratomtypepair 3{}",
-             repeated(m.restitution, 9));
-  } else {
-    const HookeContact contact = hooke_contact(sample);
-    deck.add("fix normal all property/global kn peratomtypepair 3{}", repeated(contact.k_n, 9));
-    deck.add("fix tangential all property/global kt peratomtypepair 3{}", repeated(contact.k_t, 9));
-    deck.add("fix normaldamping all property/global gamman peratomtypepair 3{}",
-             repeated(contact.damping, 9));
-    deck.add("fix tangentialdamping all property/global gammat peratomtypepair 3{}", repeated(0, 9));
-  }
-  add_friction(deck, friction);
-  std::string law = "tangential history";
-  // The engine wants its keywords in this order.
-  if (m.cohesion > 0) {
-    deck.add("fix cohesion all property/global cohesionEnergyDensity peratomtypepair 3{}",
-             repeated(m.cohesion, 9));
-    law += " cohesion sjkr";
-  }
-  if (m.rolling_friction > 0) {
-    deck.add("fix rolling all property/global coefficientRollingFriction peratomtypepair 3{}",
-             repeated(m.rolling_friction, 9));
-    law += " rolling_friction epsd2";
-  }
-  deck.add("pair_style gran model {} {}{}", m.contact == ContactModel::hertz ? "hertz" : "hooke/stiffness",
-           law, m.contact == ContactModel::hertz ? "" : " tangential_damping off");
-  deck.add("pair_coeff * *");
-  deck.add("timestep {:.10g}", step);
+  add_contact_law(deck, sample.material, sample.pressure, {.count = 3, .friction = friction}, step);
 }
 
 /// Everything that holds and loads the two walls and moves the grains between them.
@@ -179,12 +61,6 @@ void add_walls(Deck& deck, double pressure, double area, double damping) {
 void add_wall_series(Deck& deck, std::int64_t interval) {
   deck.add("fix wall all ave/time {} 10 {} v_distance v_normalstress v_shearstress file {}", interval / 10,
            interval, wall_series_file);
-}
-
-void add_thermo(Deck& deck, std::int64_t interval) {
-  deck.add("thermo_style custom step atoms ke cpu");
-  deck.add("thermo {}", interval);
-  deck.add("thermo_modify lost error norm no");
 }
 
 /// A restart file starts the next run at step 0: the engine allows a reset before it is written, not after it
@@ -248,7 +124,7 @@ TimeStep time_step(const Sample& sample) {
   if (m.contact == ContactModel::hooke) {
     const double damped = std::sqrt(1 - std::pow(damping_ratio(m), 2));
     t.rayleigh = std::numeric_limits<double>::infinity();
-    t.contact_duration = pi * std::sqrt(mass / hooke_contact(sample).k_n) / damped;
+    t.contact_duration = pi * std::sqrt(mass / hooke_contact(m, sample.pressure).k_n) / damped;
     t.fastest_collision = t.contact_duration;
   } else {
     const double radius = 0.25 * smallest * m.d;  // effective
@@ -287,7 +163,7 @@ DeckPlan plan_packing(const Sample& sample) {
   plan.rest_steps += (plan.frame_interval - before % plan.frame_interval) % plan.frame_interval;
   plan.settle_steps = plan.wall_samples * plan.frame_interval;
   plan.last_step = 1 + plan.compress_steps + plan.rest_steps + plan.settle_steps;
-  plan.seeds = prime_seeds(sample.seed, 2 + sizes);
+  plan.seeds = prime_seeds(sample.seed, 2 + size_count);
   plan.core_seconds =
       static_cast<double>(sample.grains) * static_cast<double>(plan.last_step) / grain_steps_a_second;
   return plan;
@@ -331,7 +207,7 @@ std::string packing_deck(const Sample& sample) {
   const double volume = solid_volume(sample) * d * d * d;
   const double damping = viscous_damping(sample);
   const double slab = wall_thickness_in_d * d;
-  const std::array<double, sizes> classes = size_classes(m.size_spread);
+  const std::array<double, size_count> classes = size_classes(m.size_spread);
 
   Deck deck;
   add_header(deck, "a packing between rough walls under a constant load, no gravity", "p");
@@ -341,7 +217,7 @@ std::string packing_deck(const Sample& sample) {
            volume / 0.26 / area);
   deck.add("create_box 3 box   # types: 1 flow, 2 bottom wall, 3 top wall; all of one material");
   add_material(deck, sample, sample.packing_friction, plan.time_step.step);
-  for (std::size_t k = 0; k < sizes; ++k)
+  for (std::size_t k = 0; k < size_count; ++k)
     deck.add(
         "fix size{} all particletemplate/sphere {} atom_type 1 density constant {:.10g} radius constant "
         "{:.10g}",

@@ -11,6 +11,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <fstream>
+#include <numbers>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -31,9 +32,10 @@ enum class GrainType : int { flow = 1, bottom_wall = 2, top_wall = 3 };
 struct Grain {
   std::int64_t id = 0;
   GrainType type = GrainType::flow;
-  Vec<3> x;           ///< centre [m]
-  Vec<3> v;           ///< velocity [m/s]
-  double radius = 0;  ///< [m]
+  Vec<3> x;                                                                                ///< centre [m]
+  Vec<3> v;                                                                                ///< velocity [m/s]
+  double radius = 0;                                                                       ///< [m]
+  double volume() const { return 4.0 / 3 * std::numbers::pi * radius * radius * radius; }  ///< [m^3]
 };
 
 struct GrainFrame {

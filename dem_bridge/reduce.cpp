@@ -217,10 +217,7 @@ CoreState measure_core(const GrainFrame& frame, const ContactFrame& contacts, co
   if (!contacts.contacts.empty())
     core.cut_contacts = static_cast<double>(cut) / static_cast<double>(contacts.contacts.size());
   double in_core = 0;  // grains, each with the part of its volume
-  for (std::size_t i = 0; i < moving.size(); ++i) {
-    const double r = frame.grains[i].radius;
-    in_core += moving[i].weight / (4.0 / 3 * std::numbers::pi * r * r * r);
-  }
+  for (std::size_t i = 0; i < moving.size(); ++i) in_core += moving[i].weight / frame.grains[i].volume();
   core.coordination = 2 * touching / in_core;
   core.fabric_xz = touching > 0 ? cell.direction * fabric / touching : 0;
   core.stress(0, 1) *= cell.direction;

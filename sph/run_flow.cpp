@@ -11,7 +11,6 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <numbers>
 
 #include "sph/base/deposit.hpp"
 #include "sph/base/errors.hpp"
@@ -146,12 +145,6 @@ struct Record {
     return r;
   }
 };
-
-// Where the strip "at the centre" ends: 3 d (definitions), but at least two particles.
-template <int Dim>
-double centre_strip(const FlowSetup<Dim>& setup) {
-  return std::max(3 * setup.grains.d, 2 * setup.dx);
-}
 
 /// Least-squares line; its value at 0 extrapolates to the floor.
 struct Line {
@@ -306,13 +299,11 @@ class Run {
       x_[i] = setup_.axisymmetric ? std::hypot(positions_[i][0], positions_[i][1]) : positions_[i][0];
     return {x_, volumes_, setup_.dx, Dim == 3 && !setup_.axisymmetric ? setup_.period.length[Dim - 2] : 1.0};
   }
-  /// Bulk height around the centre: over a strip, or over the quarter of a disc.
-  double centre_height(const Bodies& heap) const {
-    const bool front = setup_.initial_length > 0;
-    if (!setup_.axisymmetric)
-      return mean_height(heap, 0, front ? centre_strip(setup_) : setup_.period.length[0]);
-    const double r = centre_strip(setup_);
-    return mean_height(heap, 0, r) / (0.25 * std::numbers::pi * r);  // volume/(r 1) over area/(r 1)
+  /// Bulk height around the centre, or of the whole of a scene that has no front.
+  double height_of(const Bodies& heap) const {
+    return setup_.initial_length > 0
+               ? centre_height(heap, centre_strip(setup_.grains.d, setup_.dx), setup_.axisymmetric)
+               : mean_height(heap, 0, setup_.period.length[0]);
   }
 
   /// Takes one sample of the series; true if the flow has come to rest.
@@ -328,8 +319,7 @@ class Run {
     const Bodies heap = bodies();
     const bool collapse = setup_.initial_length > 0;  // something has a front
     s["front_99"].push_back(collapse ? front_99(heap) : 0.0);
-    s["centre_height"].push_back(collapse || std::isfinite(setup_.period.length[0]) ? centre_height(heap)
-                                                                                    : 0.0);
+    s["centre_height"].push_back(collapse || std::isfinite(setup_.period.length[0]) ? height_of(heap) : 0.0);
     record_.sampled = static_cast<long>((flow_->time() / setup_.end_time) * samples * (1 + 1e-12)) + 1;
     if (b.flowing > 0) {
       ++record_.flowing_samples;
@@ -348,9 +338,8 @@ class Run {
             setup_.extrapolate_limit));
     }
     const double initial = record_.initial_budgets.at("potential").get<double>();
-    // At t = 0 nothing moves either: rest counts once a free fall over H would have taken place.
-    return setup_.stop_at_rest && flow_->time() > std::sqrt(2 * setup_.length_scale / norm(setup_.gravity)) &&
-           b.kinetic < 1e-4 * std::abs(initial);
+    return setup_.stop_at_rest &&
+           at_rest(flow_->time(), b.kinetic, initial, setup_.length_scale, norm(setup_.gravity));
   }
 
   void write_frames() {
@@ -367,13 +356,10 @@ class Run {
     record_.pvd.push_back({flow_->time(), "frames/" + name + ".vtp"});
     write_pvd(record_.pvd, options_.folder / "frames.pvd");
     ++record_.framed;
-    if (setup_.initial_length > 0 && !setup_.axisymmetric) {
-      const double bin = std::max(2 * setup_.grains.d, setup_.dx);
-      const auto bins = static_cast<std::size_t>(std::ceil(setup_.floor_end / bin));
-      const std::vector<double> height = height_profile(bodies(), 0, bin, bins);
-      std::vector<double> x(bins);
-      for (std::size_t k = 0; k < bins; ++k) x[k] = (static_cast<double>(k) + 0.5) * bin;
-      record_.profiles.push_back({{"time", flow_->time()}, {"x", x}, {"height", height}});
+    if (setup_.initial_length > 0) {
+      const HeightProfile profile =
+          deposit_profile(bodies(), setup_.grains.d, setup_.floor_end, setup_.axisymmetric);
+      record_.profiles.push_back({{"time", flow_->time()}, {"x", profile.x}, {"height", profile.height}});
     }
   }
 
@@ -484,15 +470,10 @@ class Run {
         {"provenance", provenance()}};
     if (std::isfinite(tau)) result["time_scale"] = tau;  // without gravity there is none
     if (setup_.scene == "inclined_plane") result["incline"] = incline_measures();
-    if (setup_.initial_length > 0) {
-      const double front = record_.series.at("front_99").back().get<double>();
-      const double height = record_.series.at("centre_height").back().get<double>();
-      result["deposit"] = {{"front_99", front},
-                           {"runout", (front - setup_.initial_length) / setup_.initial_length},
-                           {"centre_height", height},
-                           {"centre_height_over_L0", height / setup_.initial_length},
-                           {"time_over_tau", flow_->time() / tau}};
-    }
+    if (setup_.initial_length > 0)
+      result["deposit"] = to_json(Deposit{record_.series.at("front_99").back().get<double>(),
+                                          record_.series.at("centre_height").back().get<double>()},
+                                  setup_.initial_length, flow_->time() / tau);
     return result;
   }
 

@@ -687,6 +687,7 @@ FlowSetup<Dim> make_setup(const CaseFile& file, const LawFile& law) {
         flow.refuse("scene", "a periodic direction of [domain] must start at 0");
       setup.period.length[k] = scene.geometry.high[k];
     }
+  setup.geometry = scene.geometry;
   setup.walls = scene.geometry.walls;
   const GeometryPoints<Dim> points = fill(scene.geometry, dx, static_cast<int>(lattice.layers));
   Particles<Dim>& q = setup.particles;

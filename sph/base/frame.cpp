@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <bit>
 #include <cstdint>
 #include <cstring>
@@ -106,6 +107,16 @@ _)",
   text += blocks;
   text += "\n  </AppendedData>\n</VTKFile>\n";
   write_file_atomically(path, text);
+}
+
+std::vector<std::filesystem::path> frames_of(const std::filesystem::path& folder) {
+  std::vector<std::filesystem::path> list;
+  if (std::filesystem::exists(folder / "frames"))
+    for (const auto& entry : std::filesystem::directory_iterator(folder / "frames"))
+      if (entry.path().extension() == ".h5") list.push_back(entry.path());
+  if (list.empty()) throw InputError(fmt::format("{}: holds no frames of a flow", folder.string()));
+  std::sort(list.begin(), list.end());  // they are numbered
+  return list;
 }
 
 void write_pvd(const std::vector<PvdEntry>& entries, const std::filesystem::path& path) {

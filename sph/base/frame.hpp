@@ -37,6 +37,9 @@ void write_frame(const Frame& frame, const std::filesystem::path& path);
 /// Throws InputError for a file that is missing, truncated or no frame.
 Frame read_frame(const std::filesystem::path& path);
 
+/// The .h5 frames that a flow left in FOLDER/frames, in order of time. Throws InputError if there are none.
+std::vector<std::filesystem::path> frames_of(const std::filesystem::path& folder);
+
 /// Names a series of .vtp files with their times for ParaView; paths are relative to the .pvd file.
 struct PvdEntry {
   double time;

@@ -730,6 +730,41 @@ Geometry<Dim> read_geometry(const CaseFile& file) {
   return geometry;
 }
 
+Geometry<3> slab_of(const Geometry<2>& plane, double depth) {
+  const auto lifted = [](const Vec<2>& v, double across) {
+    Vec<3> out;
+    out[0] = v[0], out[1] = across, out[2] = v[1];
+    return out;
+  };
+  Geometry<3> slab;
+  slab.low = lifted(plane.low, 0);
+  slab.high = lifted(plane.high, depth);
+  slab.periodic = {plane.periodic[0], true, false};
+  for (const Wall<2>& w : plane.walls) {
+    Wall<3> wall;
+    wall.name = w.name, wall.shape = w.shape, wall.inside = w.inside;
+    wall.point = lifted(w.point, 0);
+    wall.direction = lifted(w.direction, 0);
+    wall.half = lifted(w.half, unbounded);
+    // Anticlockwise in the plane of x and up is right-handed about minus the axis across.
+    if (w.shape == WallShape::cylinder) wall.direction[1] = -1;
+    wall.radius = w.radius;
+    wall.velocity = lifted(w.velocity, 0);
+    wall.omega = w.omega, wall.rough = w.rough, wall.basal_friction = w.basal_friction;
+    slab.walls.push_back(std::move(wall));
+  }
+  for (const Body<2>& b : plane.bodies) {
+    if (b.shape == Body<2>::Shape::heap)
+      throw UsageError(fmt::format("body \"{}\": a plane heap has no counterpart as a slab", b.name));
+    Body<3> body;
+    body.name = b.name;
+    body.low = lifted(b.low, 0);
+    body.high = lifted(b.high, depth);
+    slab.bodies.push_back(std::move(body));
+  }
+  return slab;
+}
+
 std::vector<const ParameterTable*> geometry_tables() { return {&domain_table, &wall_table, &body_table}; }
 
 template struct Wall<2>;

@@ -199,6 +199,10 @@ GeometryPoints<Dim> fill(const Geometry<Dim>& geometry, double dx, int layers);
 template <int Dim>
 Geometry<Dim> read_geometry(const CaseFile& file);
 
+/// A plane geometry as a slab of grains has it: x stays, up becomes the third axis, and the second, across,
+/// is periodic over `depth` [m].
+Geometry<3> slab_of(const Geometry<2>& plane, double depth);
+
 /// Tables of those sections; "wall.*" stands for any name.
 std::vector<const ParameterTable*> geometry_tables();
 

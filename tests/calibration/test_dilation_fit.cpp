@@ -155,6 +155,7 @@ TEST(DilationFit, IntervalsOfBothScalesCover) {
   FitOptions options = quick();
   options.dilation = "two_sided";
   options.compare = false;
+  options.profiles = true;
   for (int draw = 0; draw < draws; ++draw) {
     const Fit fit = fit_law({dense_and_loose(300u + static_cast<unsigned>(draw), 0.25, 0.08)}, options);
     dilating += contains(fit.dilation["s_star"], 0.25);
@@ -165,6 +166,32 @@ TEST(DilationFit, IntervalsOfBothScalesCover) {
   const double least = 0.95 - 4 * std::sqrt(0.95 * 0.05 / draws);
   EXPECT_GE(dilating, least * draws);
   EXPECT_GE(compacting, least * draws);
+}
+
+TEST(DilationFit, ThreeWaysToAnIntervalAgree) {
+  // Student's about the estimate, the profile of chi2, and draws among the seeds: of 16 runs, all near the
+  // parabola. The bootstrap's ends are those of 200 draws, each known to some 10 % of the half width.
+  FitOptions options = quick();
+  options.dilation = "two_sided";
+  const Fit plain = fit_law({dense_and_loose(9, 0.25, 0.08)}, options);
+  options.profiles = true;
+  const Fit fit = fit_law({dense_and_loose(9, 0.25, 0.08)}, options);
+  ASSERT_EQ(fit.dilation.profiles.size(), 2u);
+  ASSERT_EQ(fit.dilation.bootstrap.draws, 200);
+  for (std::size_t k = 0; k < 2; ++k) {
+    const Estimate& student = plain.dilation.parameters[k];
+    const Estimate& profile = fit.dilation.parameters[k];
+    const double half = 0.5 * (student.high - student.low);
+    EXPECT_EQ(student.value, profile.value);
+    EXPECT_NEAR(profile.low, student.low, 0.3 * half) << student.name;
+    EXPECT_NEAR(profile.high, student.high, 0.3 * half) << student.name;
+    EXPECT_NE(profile.low, student.low);
+    EXPECT_NEAR(fit.dilation.bootstrap.low[k], student.low, 0.5 * half) << student.name;
+    EXPECT_NEAR(fit.dilation.bootstrap.high[k], student.high, 0.5 * half) << student.name;
+    const Profile& p = fit.dilation.profiles[k];
+    EXPECT_FALSE(p.open_low || p.open_high);
+    EXPECT_EQ(p.name, student.name);
+  }
 }
 
 TEST(DilationFit, ChecksAgainstTheNoiseOfTheSeeds) {

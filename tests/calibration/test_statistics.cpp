@@ -10,6 +10,13 @@
 namespace dem2sph {
 namespace {
 
+TEST(MeanAndSd, WrittenDown) {
+  const MeanAndSd m = mean_and_sd(std::vector{1.0, 2.0, 6.0});
+  EXPECT_DOUBLE_EQ(m.mean, 3);
+  EXPECT_DOUBLE_EQ(m.sd, std::sqrt((4.0 + 1 + 9) / 2));
+  EXPECT_EQ(mean_and_sd(std::vector{5.0}).sd, 0);
+}
+
 TEST(Statistics, QuantilesAgreeWithTables) {
   // Printed to six decimals in any table: half a unit of the last is 5e-7.
   EXPECT_NEAR(normal_quantile(0.975), 1.959964, 5e-7);

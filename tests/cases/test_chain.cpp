@@ -10,8 +10,8 @@
 #include "dem_bridge/sweep.hpp"
 #include "sph/base/provenance.hpp"
 #include "sph/base/subprocess.hpp"
-#include "tests/base/helpers.hpp"
 #include "tests/calibration/synthetic.hpp"
+#include "tests/cases/program.hpp"
 
 namespace dem2sph {
 namespace {
@@ -47,7 +47,7 @@ length = "40 mm"
 aspect_ratio = 1
 )";
 
-class Chain : public test::Scratch {
+class Chain : public test::Program {
  protected:
   void SetUp() override {
     if (!program_exists("gnuplot")) GTEST_SKIP() << "gnuplot is not installed: package gnuplot-nox";
@@ -121,18 +121,8 @@ class Chain : public test::Scratch {
     put(run_folder(hash) / "done.json", done_.at(hash).dump());
   }
 
-  struct Outcome {
-    int code = -1;
-    std::string text;
-  };
   Outcome run(std::vector<std::string> arguments) const {
-    arguments.insert(arguments.begin(), DEM2SPH_PROGRAM);
-    SubprocessOptions options;
-    options.output = in("output.txt");
-    options.time_limit = 100;
-    options.environment = {{"OMP_NUM_THREADS", "1"}, {"DEM2SPH_LIGGGHTS", in("engine").string()}};
-    const SubprocessResult result = run_subprocess(arguments, options);
-    return {result.exit_code, content_of(in("output.txt"))};
+    return Program::run(std::move(arguments), {{"DEM2SPH_LIGGGHTS", in("engine").string()}}, 100);
   }
   Outcome run_chain() const { return run({"run", in("case.toml").string(), "-o", in("out").string(), "-q"}); }
 

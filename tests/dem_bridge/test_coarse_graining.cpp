@@ -919,5 +919,22 @@ TEST(Frames, SphParticlesGoThroughTheSameSums) {
   EXPECT_DOUBLE_EQ(q.stress()(0, 2), p.stress()(0, 1));
 }
 
+TEST(Frames, GrainsOfAFlowCarryTheirVolume) {
+  Frame frame;
+  frame.dimension = 3;
+  frame.fields = {{"x", "m", 3, {1, 2, 3, 4, 5, 6}},
+                  {"v", "m/s", 3, {0.1, 0.2, 0.3, 0.4, 0.5, 0.6}},
+                  {"radius", "m", 1, {0.5, 0.25}}};
+  const Snapshot snapshot = snapshot_of_grains(frame, 2500);
+  ASSERT_EQ(snapshot.particles.size(), 2U);
+  const Particle& p = snapshot.particles[1];
+  EXPECT_EQ(p.x[2], 6);
+  EXPECT_EQ(p.v[0], 0.4);
+  EXPECT_DOUBLE_EQ(p.solid_volume, std::numbers::pi / 6 * 0.125);
+  EXPECT_DOUBLE_EQ(p.mass, 2500 * std::numbers::pi / 6 * 0.125);
+  frame.fields.pop_back();
+  EXPECT_THROW(snapshot_of_grains(frame, 2500), InputError) << "without radius there are no grains";
+}
+
 }  // namespace
 }  // namespace dem2sph::bridge

@@ -11,6 +11,7 @@
 #include "dem_bridge/deck.hpp"
 #include "sph/base/errors.hpp"
 #include "tests/base/helpers.hpp"
+#include "tests/dem_bridge/material.hpp"
 
 namespace dem2sph::bridge {
 namespace {
@@ -19,15 +20,7 @@ using dem2sph::test::message_of;
 
 Sample typical() {
   Sample sample;
-  sample.material = {.d = 1e-3,
-                     .size_spread = 0.2,
-                     .rho_s = 2500,
-                     .grain_friction = 0.5,
-                     .restitution = 0.5,
-                     .contact = ContactModel::hertz,
-                     .youngs_modulus = 1e8,
-                     .poisson_ratio = 0.3,
-                     .stiffness = 0};
+  sample.material = hertz_grains(1e8);
   sample.pressure = 1000;
   sample.grains = 900;
   sample.length = 8, sample.width = 6;

@@ -46,7 +46,7 @@ CollapseResult measure_collapse(const std::string& text, const std::vector<std::
   const double dx = setup.dx;
   const double end = setup.end_time;
   const double tau = std::sqrt(setup.length_scale / norm(setup.gravity));
-  const double strip = std::max(3 * setup.grains.d, 2 * dx);
+  const double strip = centre_strip(setup.grains.d, dx), H = setup.length_scale, g = norm(setup.gravity);
   const bool radial = setup.axisymmetric;
   auto flow = make_flow<Dim>(std::move(setup));
   const Budgets first = flow->budgets();
@@ -55,8 +55,7 @@ CollapseResult measure_collapse(const std::string& text, const std::vector<std::
   try {
     while (flow->time() < end * (1 - 1e-12) && !result.at_rest) {
       run_until(*flow, std::min(end, flow->time() + 0.01 * end));
-      result.at_rest =
-          flow->time() > std::sqrt(2.0) * tau && flow->budgets().kinetic < 1e-4 * first.potential;
+      result.at_rest = at_rest(flow->time(), flow->budgets().kinetic, first.potential, H, g);
     }
   } catch (const NumericalError& error) {
     result.stopped = error.what();
@@ -72,9 +71,7 @@ CollapseResult measure_collapse(const std::string& text, const std::vector<std::
   for (const auto& p : positions) x.push_back(radial ? std::hypot(p[0], p[1]) : p[0]);
   const Bodies bodies{x, volumes, dx, 1};
   result.front = front_99(bodies) / L0;
-  result.height = mean_height(bodies, 0, strip) / L0;
-  if (radial)
-    result.height /= 0.25 * M_PI * strip;  // over the quarter of a disc instead of a strip of depth 1
+  result.height = centre_height(bodies, strip, radial) / L0;
   return result;
 }
 

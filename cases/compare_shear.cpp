@@ -1,0 +1,153 @@
+#include "cases/compare_shear.hpp"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <map>
+
+#include "calibration/comparison.hpp"
+#include "calibration/report.hpp"
+#include "calibration/statistics.hpp"
+#include "cases/compare.hpp"
+#include "dem_bridge/observables.hpp"
+#include "sph/base/errors.hpp"
+#include "sph/base/frame.hpp"
+#include "sph/base/provenance.hpp"
+#include "sph/material.hpp"
+#include "sph/run_flow.hpp"
+#include "sph/scene.hpp"
+
+namespace dem2sph {
+
+using nlohmann::json;
+namespace fs = std::filesystem;
+
+namespace {
+
+/// What is asked of a prediction of mu and phi for a condition that was left out of the fit.
+constexpr double bar_of_mu = 0.015, bar_of_phi = 0.005;
+
+struct Condition {
+  std::vector<double> I, mu, phi, p;  ///< of each seed
+};
+
+struct Core {
+  double I = 0, mu = 0, phi = 0;
+};
+/// Means over the particles at least a fifth of the height from both walls, in the second half of the frames:
+/// at constant volume the pressure never comes quite to rest.
+Core core_of(const fs::path& folder, double height, const LawFile& law, bool has_phi) {
+  const std::vector<fs::path> frames = frames_of(folder);
+  Core core;
+  double n = 0;
+  for (std::size_t k = frames.size() / 2; k < frames.size(); ++k) {
+    const Frame frame = read_frame(frames[k]);
+    const std::vector<double>&x = frame.field("x").values, &kind = frame.field("kind").values,
+          &mu = frame.field("mu").values, &rate = frame.field("gamma_dot").values,
+          &p = frame.field("p").values;
+    const std::size_t up = frame.dimension == 3 ? 2 : 1;
+    for (std::size_t i = 0; i < kind.size(); ++i) {
+      const double z = x[3 * i + up];
+      if (kind[i] != 0 || z < 0.2 * height || z > 0.8 * height) continue;
+      core.I += rate[i] * law.d / std::sqrt(p[i] / law.rho_s);
+      core.mu += mu[i];
+      if (has_phi) core.phi += frame.field("phi").values[i];
+      n += 1;
+    }
+  }
+  if (n == 0) throw UsageError(fmt::format("{}: no particle is far enough from both walls", folder.string()));
+  return {core.I / n, core.mu / n, core.phi / n};
+}
+
+}  // namespace
+
+json run_shear_comparison(const CaseFile& file, const LawFile& law, const fs::path& folder,
+                          const CommonOptions& options) {
+  const Section wanted = file.section(compare_table), flow = file.section(*flow_tables().front());
+  const fs::path path = wanted.file("observables");
+  if (path.empty()) wanted.refuse("observables", "plane shear is compared with compare.observables: a file");
+  for (const char* key : {"dilation", "end_time", "initial_solid_fraction"})
+    if (flow.given(key)) flow.refuse(key, fmt::format("compare sets flow.{} of plane shear itself", key));
+  const double strain = wanted.number("strain");
+  const double lowest = wanted.number("lowest_I");
+  wanted.finish("with scene = \"plane_shear\"");
+  const Observables observed = read_observables(path);
+  if (std::abs(observed.d - law.d) > 1e-6 * law.d || std::abs(observed.rho_s - law.rho_s) > 1e-6 * law.rho_s)
+    throw UsageError(fmt::format("{}: its grains are not those of the law", path.string()));
+  std::map<double, Condition> conditions;  // by driven I
+  for (const SteadyPoint& point : observed.steady) {
+    if (point.I_driven < lowest) continue;
+    Condition& c = conditions[point.I_driven];
+    c.I.push_back(point.I), c.mu.push_back(point.mu), c.phi.push_back(point.phi), c.p.push_back(point.p);
+  }
+  if (conditions.empty())
+    throw UsageError(fmt::format("{}: no steady point at I >= {:g}", path.string(), lowest));
+
+  json variants = json::array();
+  std::vector<FlowCurve> data(1), curves;
+  std::vector<std::string> misses;
+  const bool dilates = law.dilation.member != "none";
+  std::string tables;
+  for (const FlowVariant& variant : flow_variants) {
+    if (variant.dilation && !dilates) continue;
+    Comparison c;
+    c.sph.label = variant.label;
+    FlowCurve curve{std::string("SPH ") + variant.label, {}, {}};
+    double square = 0;
+    data.front() = {"grains", {}, {}};
+    for (const auto& [driven, condition] : conditions) {
+      const MeanAndSd I = mean_and_sd(condition.I), mu = mean_and_sd(condition.mu),
+                      p = mean_and_sd(condition.p);
+      const double rate = I.mean * std::sqrt(p.mean / law.rho_s) / law.d;
+      std::vector<std::string> overrides = options.overrides;
+      overrides.push_back(fmt::format("shear.shear_rate={:.9g} 1/s", rate));
+      overrides.push_back(fmt::format("shear.pressure={:.9g} Pa", p.mean));
+      overrides.push_back(fmt::format("flow.end_time={:.9g} s", strain / rate));
+      const CaseFile run = case_of(variant, law, file.path(), overrides);
+      const fs::path where = folder / variant.name / fmt::format("I_{:g}", driven);
+      const json summary = run_flow(run, law, reusing_flow(where, options));
+      const Core core = core_of(where, summary.at("initial").at("H0").get<double>(), law, variant.dilation);
+      c.sph.particles = summary.at("particles").get<double>();
+      c.sph.steps += summary.at("steps").get<double>();
+      c.sph.cpu_seconds += summary.at("cpu_seconds").get<double>();
+      // At constant volume the pressure, and I with it, ends a little off: mu is taken back to the grains' I.
+      const FrictionLaw friction = friction_law(law);
+      const auto mu_at = [&](double at) {
+        return std::visit([&](const auto& member) { return steady_friction(member, at, at); }, friction);
+      };
+      const double mu_sph = core.mu + mu_at(I.mean) - mu_at(core.I);
+      c.measures.push_back(
+          measure_of(fmt::format("mu at I = {:.3g}", I.mean), "1", condition.mu, mu_sph, bar_of_mu));
+      square += std::pow(c.measures.back().difference(), 2);
+      if (variant.dilation)
+        c.measures.push_back(
+            measure_of(fmt::format("phi at I = {:.3g}", I.mean), "1", condition.phi, core.phi, bar_of_phi));
+      data.front().x.push_back(I.mean), data.front().y.push_back(mu.mean);
+      curve.x.push_back(core.I), curve.y.push_back(core.mu);
+    }
+    json entry = to_json(c);
+    entry["mu_rms_relative_difference"] = std::sqrt(square / static_cast<double>(conditions.size()));
+    variants.push_back(std::move(entry));
+    for (const std::string& miss : c.misses()) misses.push_back(fmt::format("SPH {}: {}", c.sph.label, miss));
+    tables += measures_table(c, conditions.begin()->second.mu.size());
+    curves.push_back(std::move(curve));
+  }
+  json result{{"format", "dem2sph-comparison"}, {"schema_version", 1},    {"case", file.path().string()},
+              {"overrides", options.overrides}, {"scene", "plane_shear"}, {"law_sha256", law_hash(law)},
+              {"observables", path.string()},   {"variants", variants},   {"provenance", provenance()}};
+  write_file_atomically(folder / "comparison.json", result.dump(1) + "\n");
+  std::string verdict = misses.empty() ? "Every figure is within its bar or the spread of the seeds." : "";
+  for (const std::string& miss : misses) verdict += miss + ". ";
+  write_page("Plane shear back to its own data", verdict,
+             figure_html(figure_of_flows("mu", data, curves,
+                                         "set logscale x\nset key top left\nset xlabel 'I'\nset ylabel "
+                                         "'{/Symbol m}'\n",
+                                         720, 340),
+                         "Friction of the shear cells (mean over seeds) and of the solver at their rates and "
+                         "pressures.") +
+                 tables,
+             result.at("provenance"), folder / "report.html");
+  return result;
+}
+
+}  // namespace dem2sph
