@@ -136,7 +136,8 @@ std::string plan_comparison(const fs::path& case_path, const fs::path& law_path,
                             const CommonOptions& options) {
   const CaseFile file = load_case(case_path, options.overrides);
   const LawFile law = law_of(file, law_path);
-  std::string text = is_plane_shear(file) ? "" : plan_grains(file);
+  if (is_plane_shear(file)) return plan_shear_comparison(file, law, options);
+  std::string text = plan_grains(file);
   for (const SphFlow& flow : sph_flows(law, case_path, options.overrides))
     text += fmt::format("SPH {}\n{}", flow.label, plan_flow(flow.file, law));
   return text;
@@ -177,7 +178,7 @@ json run_comparison(const fs::path& case_path, const fs::path& law_path, const f
   if (incline)
     wanted.profile_height = job.flow.height;
   else if (!job.scene.radial)
-    wanted.grid = grid_of(job, page.seeds);
+    wanted.grid = grid_of(job, page.seeds), wanted.geometry = job.flow.geometry;
   std::vector<Seen> seeds;
   for (const FlowOnDisk& seed : on_disk) seeds.push_back(look_at(seed, wanted));
 

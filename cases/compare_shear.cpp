@@ -59,30 +59,62 @@ Core core_of(const fs::path& folder, double height, const LawFile& law, bool has
   return {core.I / n, core.mu / n, core.phi / n};
 }
 
-}  // namespace
-
-json run_shear_comparison(const CaseFile& file, const LawFile& law, const fs::path& folder,
-                          const CommonOptions& options) {
+/// The steady points of grains that are gone back to, by driven I.
+struct ShearData {
+  fs::path observables;
+  double strain = 0;
+  std::map<double, Condition> conditions;
+};
+ShearData shear_data(const CaseFile& file, const LawFile& law) {
   const Section wanted = file.section(compare_table), flow = file.section(*flow_tables().front());
   const fs::path path = wanted.file("observables");
   if (path.empty()) wanted.refuse("observables", "plane shear is compared with compare.observables: a file");
   for (const char* key : {"dilation", "end_time", "initial_solid_fraction"})
     if (flow.given(key)) flow.refuse(key, fmt::format("compare sets flow.{} of plane shear itself", key));
-  const double strain = wanted.number("strain");
+  ShearData data{path, wanted.number("strain"), {}};
   const double lowest = wanted.number("lowest_I");
   wanted.finish("with scene = \"plane_shear\"");
   const Observables observed = read_observables(path);
   if (std::abs(observed.d - law.d) > 1e-6 * law.d || std::abs(observed.rho_s - law.rho_s) > 1e-6 * law.rho_s)
     throw UsageError(fmt::format("{}: its grains are not those of the law", path.string()));
-  std::map<double, Condition> conditions;  // by driven I
   for (const SteadyPoint& point : observed.steady) {
     if (point.I_driven < lowest) continue;
-    Condition& c = conditions[point.I_driven];
+    Condition& c = data.conditions[point.I_driven];
     c.I.push_back(point.I), c.mu.push_back(point.mu), c.phi.push_back(point.phi), c.p.push_back(point.p);
   }
-  if (conditions.empty())
+  if (data.conditions.empty())
     throw UsageError(fmt::format("{}: no steady point at I >= {:g}", path.string(), lowest));
+  return data;
+}
 
+/// The case at the mean rate and pressure of a condition.
+CaseFile case_at(const Condition& condition, double strain, const FlowVariant& variant, const LawFile& law,
+                 const CaseFile& file, const CommonOptions& options) {
+  const double p = mean_and_sd(condition.p).mean;
+  const double rate = mean_and_sd(condition.I).mean * std::sqrt(p / law.rho_s) / law.d;
+  std::vector<std::string> overrides = options.overrides;
+  overrides.push_back(fmt::format("shear.shear_rate={:.9g} 1/s", rate));
+  overrides.push_back(fmt::format("shear.pressure={:.9g} Pa", p));
+  overrides.push_back(fmt::format("flow.end_time={:.9g} s", strain / rate));
+  return case_of(variant, law, file.path(), overrides);
+}
+
+}  // namespace
+
+std::string plan_shear_comparison(const CaseFile& file, const LawFile& law, const CommonOptions& options) {
+  const ShearData data = shear_data(file, law);
+  std::string text;
+  for (const FlowVariant& variant : flow_variants)
+    if (!variant.dilation || law.dilation.member != "none")
+      for (const auto& [driven, condition] : data.conditions)
+        text += fmt::format("SPH {}, driven I = {:g}\n{}", variant.label, driven,
+                            plan_flow(case_at(condition, data.strain, variant, law, file, options), law));
+  return text;
+}
+
+json run_shear_comparison(const CaseFile& file, const LawFile& law, const fs::path& folder,
+                          const CommonOptions& options) {
+  const auto [path, strain, conditions] = shear_data(file, law);
   json variants = json::array();
   std::vector<FlowCurve> data(1), curves;
   std::vector<std::string> misses;
@@ -96,14 +128,8 @@ json run_shear_comparison(const CaseFile& file, const LawFile& law, const fs::pa
     double square = 0;
     data.front() = {"grains", {}, {}};
     for (const auto& [driven, condition] : conditions) {
-      const MeanAndSd I = mean_and_sd(condition.I), mu = mean_and_sd(condition.mu),
-                      p = mean_and_sd(condition.p);
-      const double rate = I.mean * std::sqrt(p.mean / law.rho_s) / law.d;
-      std::vector<std::string> overrides = options.overrides;
-      overrides.push_back(fmt::format("shear.shear_rate={:.9g} 1/s", rate));
-      overrides.push_back(fmt::format("shear.pressure={:.9g} Pa", p.mean));
-      overrides.push_back(fmt::format("flow.end_time={:.9g} s", strain / rate));
-      const CaseFile run = case_of(variant, law, file.path(), overrides);
+      const MeanAndSd I = mean_and_sd(condition.I), mu = mean_and_sd(condition.mu);
+      const CaseFile run = case_at(condition, strain, variant, law, file, options);
       const fs::path where = folder / variant.name / fmt::format("I_{:g}", driven);
       const json summary = run_flow(run, law, reusing_flow(where, options));
       const Core core = core_of(where, summary.at("initial").at("H0").get<double>(), law, variant.dilation);

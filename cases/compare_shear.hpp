@@ -9,6 +9,9 @@
 
 namespace dem2sph {
 
+/// What it would run. Throws UsageError for what it would refuse.
+std::string plan_shear_comparison(const CaseFile& file, const LawFile& law, const CommonOptions& options);
+
 /// Runs the SPH of a case of plane shear at the rate and pressure of each steady condition of
 /// `compare.observables`, over a strain of `compare.strain`, and returns what `run_comparison` does; writes
 /// comparison.json and report.html into `folder`.

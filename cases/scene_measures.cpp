@@ -10,17 +10,29 @@
 namespace dem2sph {
 namespace {
 
-FieldsAtTime fields_of(const bridge::Snapshot& snapshot, double time, bridge::Grid grid, double depth,
-                       double d) {
+FieldsAtTime fields_of(const bridge::Snapshot& snapshot, const Frame& frame, const Wanted& wanted,
+                       double depth) {
+  bridge::Grid grid = *wanted.grid;
   grid.unresolved = depth;
-  // 3 d: a grain and its neighbours; the same for both.
-  bridge::Accumulator sums(grid, bridge::Kernel(bridge::KernelShape::lucy, grid.dimension(), 3 * d));
+  // A grain and its neighbours; the same for both.
+  const double reach = 3 * wanted.d;
+  bridge::Accumulator sums(grid, bridge::Kernel(bridge::KernelShape::lucy, grid.dimension(), reach));
   sums.add(snapshot);
+  const auto beside_wall = [&](const Vec<3>& x) {
+    return std::any_of(wanted.geometry.walls.begin(), wanted.geometry.walls.end(),
+                       [&](const Wall<3>& wall) { return wall.distance(x) < reach; });
+  };
+  const bool stressed = frame.has("stress");
   FieldsAtTime f;
-  f.time = time;
+  f.time = frame.time;
   for (const bridge::FieldPoint& point : sums.fields().points) {
     f.phi.push_back(point.phi);
     f.momentum.push_back(point.momentum[0]), f.momentum.push_back(point.momentum[2]);
+    if (!stressed) continue;
+    const Sym<3>& stress = point.particle_stress;
+    const bool unknown = beside_wall(point.x);
+    f.pressure.push_back(unknown ? std::nan("") : (stress(0, 0) + stress(1, 1) + stress(2, 2)) / 3);
+    f.shear.push_back(unknown ? std::nan("") : stress(0, 2));
   }
   return f;
 }
@@ -90,8 +102,7 @@ Seen look_at(const FlowOnDisk& flow, const Wanted& wanted) {
   for (const std::filesystem::path& path : paths) {
     const Frame frame = read_frame(path);
     const bridge::Snapshot snapshot = flow.snapshot(frame);
-    if (wanted.grid)
-      seen.fields.push_back(fields_of(snapshot, frame.time, *wanted.grid, flow.depth, wanted.d));
+    if (wanted.grid) seen.fields.push_back(fields_of(snapshot, frame, wanted, flow.depth));
     if (profile && frame.time >= 0.5 * end) profile->add(snapshot);
     if (!std::isnan(wanted.discharge_below))
       add(seen.discharge, frame.time, share_below(snapshot, wanted.discharge_below));
@@ -120,38 +131,67 @@ double mean_of_second_half(const FlowCurve& history) {
   return sum / n;
 }
 
-std::vector<Distance> compare_fields(const Seen& sph, const std::vector<Seen>& seeds, double phi_0,
-                                     double tolerance) {
-  std::vector<double> phi, momentum;
-  std::vector<std::vector<double>> phi_seeds(seeds.size()), momentum_seeds(seeds.size());
-  double largest = 0;  // over time, of the root mean square of the grains' momentum
-  for (const FieldsAtTime& p : sph.fields) {
-    std::vector<const FieldsAtTime*> grains;
-    for (const Seen& seed : seeds) grains.push_back(nearest(seed.fields, p.time, tolerance));
-    if (std::find(grains.begin(), grains.end(), nullptr) != grains.end()) continue;
+namespace {
+
+/// A field of SPH and of each seed, at all points and times.
+struct FieldLists {
+  std::vector<double> sph;
+  std::vector<std::vector<double>> seeds;
+  double largest = 0;  ///< over time, of the root mean square of the grains' mean
+
+  /// Values number `at` of one time; NaN is left out.
+  void add(const std::vector<FieldsAtTime>& flows, std::vector<double> FieldsAtTime::*field,
+           const std::vector<std::size_t>& at) {
     double square = 0, points = 0;
-    for (std::size_t i = 0; i < p.phi.size(); ++i) {
-      const bool empty = p.phi[i] < 0.01 * phi_0 &&
-                         std::all_of(grains.begin(), grains.end(),
-                                     [&](const FieldsAtTime* g) { return g->phi[i] < 0.01 * phi_0; });
-      if (empty) continue;
-      phi.push_back(p.phi[i]);
-      for (std::size_t s = 0; s < grains.size(); ++s) phi_seeds[s].push_back(grains[s]->phi[i]);
-      for (const std::size_t c : {2 * i, 2 * i + 1}) {
-        momentum.push_back(p.momentum[c]);
-        double mean = 0;
-        for (std::size_t s = 0; s < grains.size(); ++s) {
-          momentum_seeds[s].push_back(grains[s]->momentum[c]);
-          mean += grains[s]->momentum[c] / static_cast<double>(grains.size());
-        }
-        square += mean * mean, points += 1;
+    seeds.resize(flows.size() - 1);
+    for (const std::size_t i : at) {
+      if (std::isnan((flows[0].*field)[i])) continue;
+      sph.push_back((flows[0].*field)[i]);
+      double mean = 0;
+      for (std::size_t s = 0; s < seeds.size(); ++s) {
+        seeds[s].push_back((flows[s + 1].*field)[i]);
+        mean += seeds[s].back() / static_cast<double>(seeds.size());
       }
+      square += mean * mean, points += 1;
     }
     if (points > 0) largest = std::max(largest, std::sqrt(square / points));
   }
-  if (phi.empty() || !(largest > 0)) return {};
-  return {compare_lists("solid fraction, over that of the start", phi, phi_seeds, phi_0, 0),
-          compare_lists("momentum, over its largest root mean square", momentum, momentum_seeds, largest, 0)};
+};
+
+}  // namespace
+
+std::vector<Distance> compare_fields(const Seen& sph, const std::vector<Seen>& seeds, double phi_0,
+                                     double tolerance) {
+  FieldLists phi, momentum, pressure, shear;
+  for (const FieldsAtTime& p : sph.fields) {
+    std::vector<FieldsAtTime> flows{p};
+    for (const Seen& seed : seeds)
+      if (const FieldsAtTime* grains = nearest(seed.fields, p.time, tolerance)) flows.push_back(*grains);
+    if (flows.size() <= seeds.size()) continue;
+    std::vector<std::size_t> points, components;
+    for (std::size_t i = 0; i < p.phi.size(); ++i)
+      if (std::any_of(flows.begin(), flows.end(),
+                      [&](const FieldsAtTime& f) { return f.phi[i] >= 0.01 * phi_0; }))
+        points.push_back(i), components.push_back(2 * i), components.push_back(2 * i + 1);
+    phi.add(flows, &FieldsAtTime::phi, points);
+    momentum.add(flows, &FieldsAtTime::momentum, components);
+    if (std::any_of(flows.begin(), flows.end(), [](const FieldsAtTime& f) { return f.pressure.empty(); }))
+      continue;
+    pressure.add(flows, &FieldsAtTime::pressure, points);
+    shear.add(flows, &FieldsAtTime::shear, points);
+  }
+  if (phi.sph.empty() || !(momentum.largest > 0)) return {};
+  std::vector<Distance> distances{
+      compare_lists("solid fraction, over that of the start", phi.sph, phi.seeds, phi_0, 0),
+      compare_lists("momentum, over its largest root mean square", momentum.sph, momentum.seeds,
+                    momentum.largest, 0)};
+  if (pressure.largest > 0) {
+    distances.push_back(compare_lists("pressure, over its largest root mean square", pressure.sph,
+                                      pressure.seeds, pressure.largest, 0));
+    distances.push_back(compare_lists("shear stress, over the pressure's largest root mean square", shear.sph,
+                                      shear.seeds, pressure.largest, 0));
+  }
+  return distances;
 }
 
 }  // namespace dem2sph

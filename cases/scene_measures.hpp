@@ -14,6 +14,7 @@
 #include "dem_bridge/coarse_graining.hpp"
 #include "dem_bridge/deck.hpp"
 #include "sph/base/frame.hpp"
+#include "sph/base/geometry.hpp"
 #include "sph/base/law_file.hpp"
 
 namespace dem2sph {
@@ -38,15 +39,19 @@ FlowOnDisk sph_on_disk(const std::string& label, const std::filesystem::path& fo
 struct Wanted {
   double d = 0, phi_0 = 0;           ///< grain size [m], solid fraction of the start
   std::optional<bridge::Grid> grid;  ///< of the fields, over x and up
+  /// Points nearer than 3 d to a wall of it are left out of the stress: what walls do to grains is not known.
+  Geometry<3> geometry;
   double profile_height = std::numeric_limits<double>::quiet_NaN();   ///< H of an incline [m]
   double discharge_below = std::numeric_limits<double>::quiet_NaN();  ///< [m]
   double surface_within = std::numeric_limits<double>::quiet_NaN();   ///< half of a length about x = 0 [m]
 };
 
-/// Solid fraction and momentum (x and up of each point, [kg/(m^2 s)]) at one time.
+/// Solid fraction, momentum (x and up of each point, [kg/(m^2 s)]), pressure and shear stress between x and
+/// up [Pa] at one time. Stress is that of contacts (grains) or of the law (SPH), without the flux of
+/// momentum; NaN beside walls. Empty if the frames have none.
 struct FieldsAtTime {
   double time = 0;  ///< [s]
-  std::vector<double> phi, momentum;
+  std::vector<double> phi, momentum, pressure, shear;
 };
 
 struct Seen {

@@ -103,13 +103,17 @@ Snapshot snapshot_of(const Frame& frame, const SphProperties& properties) {
 Snapshot snapshot_of_grains(const Frame& frame, double rho_s) {
   const std::vector<double>&x = values_of(frame, "x", 3), &v = values_of(frame, "v", 3),
         &radius = values_of(frame, "radius", 1);
+  const std::vector<double>* stress = frame.has("stress") ? &values_of(frame, "stress", 6) : nullptr;
   Snapshot snapshot;
   snapshot.particles.reserve(frame.size());
   for (std::size_t i = 0; i < frame.size(); ++i) {
     Grain grain;
     grain.x = vector_at(x, i), grain.v = vector_at(v, i);
     grain.radius = radius[i];
-    snapshot.particles.push_back(particle_of(grain, rho_s));
+    Particle p = particle_of(grain, rho_s);
+    for (int k = 0; stress != nullptr && k < 6; ++k)
+      p.stress_volume[k] = -grain.volume() * (*stress)[6 * i + static_cast<std::size_t>(k)];
+    snapshot.particles.push_back(p);
   }
   return snapshot;
 }

@@ -45,7 +45,8 @@ struct SphProperties {
 /// in metres of depth, whatever the depth of a slab of grains beside it.
 Snapshot snapshot_of(const Frame& frame, const SphProperties& properties);
 
-/// The grains of a flow (`dem2sph dem`), which a frame holds with their radius. No contacts.
+/// The grains of a flow (`dem2sph dem`), which a frame holds with their radius. No contacts, but what their
+/// stress times volume adds up to (Particle::stress_volume), if the frame has it.
 Snapshot snapshot_of_grains(const Frame& frame, double rho_s);
 
 /// `points` points in the middles of as many equal intervals between `low` and `high`.

@@ -142,14 +142,21 @@ ReadResult GrainDump::next(GrainFrame& frame) {
   if (!read_header(lines_, "ATOMS", last_step_, header)) return ReadResult::incomplete;
 
   const std::array<std::string_view, 9> names{"id", "type", "x", "y", "z", "vx", "vy", "vz", "radius"};
+  const auto column = [&](std::string_view name) {
+    const auto found = std::find(header.columns.begin(), header.columns.end(), name);
+    if (found == header.columns.end()) lines_.fail(fmt::format("the dump has no column \"{}\"", name));
+    if (std::find(found + 1, header.columns.end(), name) != header.columns.end())
+      lines_.fail(fmt::format("the dump has two columns \"{}\"", name));
+    return static_cast<std::size_t>(found - header.columns.begin());
+  };
   std::array<std::size_t, names.size()> at{};
-  for (std::size_t k = 0; k < names.size(); ++k) {
-    const auto found = std::find(header.columns.begin(), header.columns.end(), names[k]);
-    if (found == header.columns.end()) lines_.fail(fmt::format("the dump has no column \"{}\"", names[k]));
-    if (std::find(found + 1, header.columns.end(), names[k]) != header.columns.end())
-      lines_.fail(fmt::format("the dump has two columns \"{}\"", names[k]));
-    at[k] = static_cast<std::size_t>(found - header.columns.begin());
-  }
+  std::transform(names.begin(), names.end(), at.begin(), column);
+  std::array<std::size_t, stress_columns.size()> stress_at{};
+  const bool stressed =
+      std::any_of(header.columns.begin(), header.columns.end(), [](const std::string& name) {
+        return std::find(stress_columns.begin(), stress_columns.end(), name) != stress_columns.end();
+      });
+  if (stressed) std::transform(stress_columns.begin(), stress_columns.end(), stress_at.begin(), column);
 
   GrainFrame read;
   read.step = header.step;
@@ -175,6 +182,11 @@ ReadResult GrainDump::next(GrainFrame& frame) {
     }
     grain.radius = lines_.number<double>(cells[at[8]]);
     if (!(grain.radius > 0)) lines_.fail(fmt::format("grain {} has no radius", grain.id));
+    if (stressed) {
+      grain.stress_volume.emplace();
+      for (std::size_t k = 0; k < stress_at.size(); ++k)
+        (*grain.stress_volume)[k] = lines_.number<double>(cells[stress_at[k]]);
+    }
     read.grains.push_back(grain);
   }
   last_step_ = read.step;

@@ -12,6 +12,7 @@
 #include <filesystem>
 #include <fstream>
 #include <numbers>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -32,9 +33,12 @@ enum class GrainType : int { flow = 1, bottom_wall = 2, top_wall = 3 };
 struct Grain {
   std::int64_t id = 0;
   GrainType type = GrainType::flow;
-  Vec<3> x;                                                                                ///< centre [m]
-  Vec<3> v;                                                                                ///< velocity [m/s]
-  double radius = 0;                                                                       ///< [m]
+  Vec<3> x;           ///< centre [m]
+  Vec<3> v;           ///< velocity [m/s]
+  double radius = 0;  ///< [m]
+  /// Stress times volume from its contacts with other grains, each of which counts half (`compute stress/atom
+  /// pair`), tension positive: xx yy zz xy xz yz [J]. In a dump that has it, every grain has it.
+  std::optional<std::array<double, 6>> stress_volume = {};
   double volume() const { return 4.0 / 3 * std::numbers::pi * radius * radius * radius; }  ///< [m^3]
 };
 
@@ -91,6 +95,11 @@ class DumpLines {
   std::uintmax_t bytes_ = 0;
   std::size_t number_ = 0;
 };
+
+/// Columns id type x y z vx vy vz radius, in any order, and all or none of stress_columns; more are ignored.
+inline constexpr std::array<std::string_view, 6> stress_columns{"c_flow_stress[1]", "c_flow_stress[2]",
+                                                                "c_flow_stress[3]", "c_flow_stress[4]",
+                                                                "c_flow_stress[5]", "c_flow_stress[6]"};
 
 class GrainDump {
  public:

@@ -8,6 +8,7 @@
 #include <random>
 
 #include "dem_bridge/deck_text.hpp"
+#include "dem_bridge/dump.hpp"
 #include "sph/base/errors.hpp"
 
 namespace dem2sph::bridge {
@@ -347,7 +348,7 @@ GrainFlowPlan plan_grain_flow(const GrainFlow& flow, const std::vector<PlacedGra
   plan.core_seconds =
       n * (static_cast<double>(plan.fall_steps + plan.calm_steps + plan.rest_steps) + flow_steps) /
       grain_steps_a_second;
-  plan.dump_bytes = 82 * n * static_cast<double>(plan.samples + 1);
+  plan.dump_bytes = 150 * n * static_cast<double>(plan.samples + 1);
   return plan;
 }
 
@@ -443,8 +444,13 @@ std::string flow_deck(const GrainFlow& flow, const std::string& restart, const s
              plan.interval / 10, plan.interval, wall_force_file);
   }
   add_thermo(deck, plan.interval);
-  deck.add("dump grains flow custom {} {} id type x y z vx vy vz radius", plan.interval, grain_dump_file);
-  deck.add("dump_modify grains format \"%d %d %.9g %.9g %.9g %.7g %.7g %.7g %.7g\"");
+  // Of the pairs alone: what the engine's walls and gravity do to a grain is not in it.
+  deck.add("compute flow_stress flow stress/atom pair");
+  deck.add("dump grains flow custom {} {} id type x y z vx vy vz radius {}", plan.interval, grain_dump_file,
+           fmt::join(stress_columns, " "));
+  deck.add(
+      "dump_modify grains format \"%d %d %.9g %.9g %.9g %.7g %.7g %.7g %.7g %.5g %.5g %.5g %.5g %.5g "
+      "%.5g\"");
   if (flow.stop_at_rest) {
     const double fall = std::sqrt(2.0) * fall_time(flow) / plan.time_step.step;
     deck.add("variable energy equal ke");

@@ -23,7 +23,7 @@
 namespace dem2sph::bridge {
 
 /// Raise it when a change of the decks' text or of the grains' places changes results.
-inline constexpr int flow_deck_version = 1;
+inline constexpr int flow_deck_version = 2;
 
 struct GrainFlow {
   GrainMaterial material;

@@ -220,14 +220,17 @@ Frame frame_of(const GrainFrame& grains, double time) {
   frame.step = static_cast<long>(grains.step);
   frame.dimension = 3;
   FrameField x{"x", "m", 3, {}}, v{"v", "m/s", 3, {}}, radius{"radius", "m", 1, {}}, id{"id", "1", 1, {}},
-      kind{"kind", "1", 1, {}};
+      kind{"kind", "1", 1, {}}, stress{"stress", "Pa", 6, {}};
   for (const Grain& g : grains.grains) {
     for (int c = 0; c < 3; ++c) x.values.push_back(g.x[c]), v.values.push_back(g.v[c]);
     radius.values.push_back(g.radius);
     id.values.push_back(static_cast<double>(g.id));
     kind.values.push_back(0);
+    if (g.stress_volume)
+      for (const double s : *g.stress_volume) stress.values.push_back(s / g.volume());
   }
   frame.fields = {std::move(x), std::move(v), std::move(radius), std::move(id), std::move(kind)};
+  if (!stress.values.empty()) frame.fields.push_back(std::move(stress));
   return frame;
 }
 

@@ -932,7 +932,13 @@ TEST(Frames, GrainsOfAFlowCarryTheirVolume) {
   EXPECT_EQ(p.v[0], 0.4);
   EXPECT_DOUBLE_EQ(p.solid_volume, std::numbers::pi / 6 * 0.125);
   EXPECT_DOUBLE_EQ(p.mass, 2500 * std::numbers::pi / 6 * 0.125);
-  frame.fields.pop_back();
+  EXPECT_EQ(p.stress_volume(0, 2), 0);
+  // Tension positive in a frame, compression positive in a snapshot; xx yy zz xy xz yz.
+  frame.fields.push_back({"stress", "Pa", 6, {1, 2, 3, 4, 5, 6, -70, -80, -90, 10, 11, 12}});
+  const Snapshot stressed = snapshot_of_grains(frame, 2500);
+  EXPECT_DOUBLE_EQ(stressed.particles[1].stress_volume(1, 1), 80 * p.solid_volume);
+  EXPECT_DOUBLE_EQ(stressed.particles[1].stress_volume(0, 2), -11 * p.solid_volume);
+  frame.fields.resize(2);
   EXPECT_THROW(snapshot_of_grains(frame, 2500), InputError) << "without radius there are no grains";
 }
 

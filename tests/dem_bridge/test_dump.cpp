@@ -63,6 +63,21 @@ TEST_F(Dump, ReadsBackWhatWasWritten) {
   EXPECT_EQ(contacts.next(c), ReadResult::end);
 }
 
+TEST_F(Dump, StressComesWithAllItsColumns) {
+  const std::string head =
+      "ITEM: TIMESTEP\n7\nITEM: NUMBER OF ATOMS\n1\nITEM: BOX BOUNDS pp pp ff\n0 1\n0 1\n0 1\n"
+      "ITEM: ATOMS id type x y z vx vy vz radius c_flow_stress[1] c_flow_stress[2] c_flow_stress[3] "
+      "c_flow_stress[5] ";
+  put(in("g"), head + "c_flow_stress[4] c_flow_stress[6]\n1 1 0 0 0 0 0 0 0.5 -1 -2 -3 -5 -4 -6\n");
+  GrainFrame frame;
+  ASSERT_EQ(GrainDump(in("g")).next(frame), ReadResult::frame);
+  ASSERT_TRUE(frame.grains[0].stress_volume.has_value());
+  EXPECT_EQ(*frame.grains[0].stress_volume, (std::array<double, 6>{-1, -2, -3, -4, -5, -6}));
+  put(in("g"), head + "c_flow_stress[4]\n1 1 0 0 0 0 0 0 0.5 -1 -2 -3 -5 -4\n");
+  EXPECT_CONTAINS(message_of<InputError>([&] { GrainDump(in("g")).next(frame); }),
+                  "no column \"c_flow_stress[6]\"");
+}
+
 TEST_F(Dump, FindsColumnsByName) {
   put(in("g"),
       "ITEM: TIMESTEP\n7\nITEM: NUMBER OF ATOMS\n1\nITEM: BOX BOUNDS pp pp ff\n0 1\n0 1\n0 1\n"
