@@ -11,16 +11,16 @@
 #include <string>
 #include <variant>
 
+#include "sph/base/pack.hpp"
+
 namespace dem2sph {
 
-/// Value [1/m^Dim] and gradient factor F [1/m^(Dim+2)] at one distance.
+/// Value [1/m^Dim] and gradient factor F [1/m^(Dim+2)] at one distance, or at one in each lane of a Pack.
+template <class Real = double>
 struct KernelValue {
-  double w = 0;
-  double f = 0;
+  Real w = 0;
+  Real f = 0;
 };
-
-/// x where it is positive, else 0; NaN stays (std::fmax would hide it).
-inline double positive(double x) { return x < 0 ? 0 : x; }
 
 /// What kernels share: h and the factor that makes them integrate to one, given for 1D, 2D and 3D at h = 1.
 template <int Dim>
@@ -37,9 +37,15 @@ class KernelScale {
                : Dim == 2 ? in_2d * inverse_h_ * inverse_h_
                           : in_3d * inverse_h_ * inverse_h_ * inverse_h_),
         slope_(value_ * inverse_h_ * inverse_h_) {}
-  double q(double r) const { return r * inverse_h_; }
+  template <class Real>
+  Real q(Real r) const {
+    return r * inverse_h_;
+  }
   /// W from its shape, and F from the shape (dW/dq)/q.
-  KernelValue scaled(double w, double f) const { return {value_ * w, slope_ * f}; }
+  template <class Real>
+  KernelValue<Real> scaled(Real w, Real f) const {
+    return {value_ * w, slope_ * f};
+  }
 
  private:
   double h_;
@@ -55,10 +61,11 @@ class CubicSpline : public KernelScale<Dim> {
   static constexpr const char* name = "cubic_spline";
   explicit CubicSpline(double h)
       : KernelScale<Dim>(h, 2.0 / 3, 10 / (7 * std::numbers::pi), 1 / std::numbers::pi) {}
-  KernelValue operator()(double r) const {
-    const double q = this->q(r);
-    const double outer = positive(2 - q);
-    const double inner = positive(1 - q);
+  template <class Real>
+  [[gnu::always_inline]] KernelValue<Real> operator()(Real r) const {
+    const Real q = this->q(r);
+    const Real outer = positive(2 - q);
+    const Real inner = positive(1 - q);
     // (outer^2 - 4 inner^2)/q is 4 - 3q inside, so its limit at q = 0 is finite; the tiny term guards 0/0
     // there.
     return this->scaled(0.25 * outer * outer * outer - inner * inner * inner,
@@ -73,10 +80,11 @@ class WendlandC2 : public KernelScale<Dim> {
   static constexpr const char* name = "wendland_c2";
   explicit WendlandC2(double h)
       : KernelScale<Dim>(h, 5.0 / 8, 7 / (4 * std::numbers::pi), 21 / (16 * std::numbers::pi)) {}
-  KernelValue operator()(double r) const {
-    const double q = this->q(r);
-    const double t = positive(1 - 0.5 * q);
-    const double t2 = t * t;
+  template <class Real>
+  [[gnu::always_inline]] KernelValue<Real> operator()(Real r) const {
+    const Real q = this->q(r);
+    const Real t = positive(1 - 0.5 * q);
+    const Real t2 = t * t;
     if constexpr (Dim == 1) return this->scaled(t2 * t * (1 + 1.5 * q), -3 * t2);
     return this->scaled(t2 * t2 * (1 + 2 * q), -5 * t2 * t);
   }
@@ -89,10 +97,11 @@ class WendlandC4 : public KernelScale<Dim> {
   static constexpr const char* name = "wendland_c4";
   explicit WendlandC4(double h)
       : KernelScale<Dim>(h, 3.0 / 4, 9 / (4 * std::numbers::pi), 495 / (256 * std::numbers::pi)) {}
-  KernelValue operator()(double r) const {
-    const double q = this->q(r);
-    const double t = positive(1 - 0.5 * q);
-    const double t4 = t * t * t * t;
+  template <class Real>
+  [[gnu::always_inline]] KernelValue<Real> operator()(Real r) const {
+    const Real q = this->q(r);
+    const Real t = positive(1 - 0.5 * q);
+    const Real t4 = t * t * t * t;
     if constexpr (Dim == 1) return this->scaled(t4 * t * (1 + 2.5 * q + 2 * q * q), -3.5 * t4 * (1 + 2 * q));
     return this->scaled(t4 * t * t * (1 + 3 * q + 35.0 / 12 * q * q), -14.0 / 3 * t4 * t * (1 + 2.5 * q));
   }

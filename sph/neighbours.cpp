@@ -5,13 +5,14 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <utility>
 
 #include "sph/base/errors.hpp"
 
 namespace dem2sph {
 namespace {
 
-// A grid of cells over the particles' bounding box; periodic directions hold a whole number of cells.
+/// A grid of cells over the particles' bounding box; periodic directions hold a whole number of cells.
 template <int Dim>
 struct Grid {
   Vec<Dim> low;
@@ -19,7 +20,10 @@ struct Grid {
   std::array<long, 3> cells{1, 1, 1};
   std::array<bool, 3> periodic{false, false, false};
 
-  Grid(const Particles<Dim>& particles, const Period<Dim>& period, double cell) {
+  /// Far fliers must not make the grid larger than memory: with more than `most` cells in all, or along one
+  /// axis, they are wider than asked.
+  Grid(const Particles<Dim>& particles, const Period<Dim>& period, double cell, double most) {
+    std::array<double, 3> length{}, count{1, 1, 1};
     for (int k = 0; k < Dim; ++k) {
       const std::vector<double>& x = particles.x[static_cast<std::size_t>(k)];
       double lowest = std::numeric_limits<double>::infinity();
@@ -34,22 +38,27 @@ struct Grid {
       const std::size_t axis = static_cast<std::size_t>(k);
       periodic[axis] = std::isfinite(period.length[k]);
       low[k] = periodic[axis] ? 0 : lowest;
-      const double length = periodic[axis] ? period.length[k] : highest - lowest;
-      if (periodic[axis] && length < 3 * cell)
-        throw NumericalError(fmt::format(
-            "the periodic length {:g} m is below three times the reach of a particle, {:g} m", length, cell));
-      // Far fliers must not make the grid larger than memory: cells may be wider than asked.
-      cells[axis] = std::clamp(static_cast<long>(length / cell), 1L, 4096L);
-      inverse_cell[k] = length > 0 ? static_cast<double>(cells[axis]) / length : 0;
+      length[axis] = periodic[axis] ? period.length[k] : highest - lowest;
+      count[axis] = std::max(1.0, std::floor(length[axis] / cell));
+    }
+    while (count[0] * count[1] * count[2] > most) {
+      double& longest = *std::max_element(count.begin(), count.end());
+      longest = std::max(1.0, std::floor(longest / 2));
+    }
+    for (std::size_t k = 0; k < Dim; ++k) {
+      cells[k] = static_cast<long>(count[k]);
+      inverse_cell.c[k] = length[k] > 0 ? count[k] / length[k] : 0;
     }
   }
   std::size_t count() const { return static_cast<std::size_t>(cells[0] * cells[1] * cells[2]); }
+  /// Which cell along one axis; beyond the grid if x is.
+  long along(std::size_t k, double x) const {
+    const double at = std::floor((x - low.c[k]) * inverse_cell.c[k]);
+    return static_cast<long>(std::clamp(at, -1e15, 1e15));
+  }
   std::array<long, 3> place(const Particles<Dim>& particles, std::size_t i) const {
     std::array<long, 3> c{0, 0, 0};
-    for (std::size_t k = 0; k < Dim; ++k) {
-      const double at = (particles.x[k][i] - low.c[k]) * inverse_cell.c[k];
-      c[k] = std::clamp(static_cast<long>(std::floor(at)), 0L, cells[k] - 1);
-    }
+    for (std::size_t k = 0; k < Dim; ++k) c[k] = std::clamp(along(k, particles.x[k][i]), 0L, cells[k] - 1);
     return c;
   }
   std::size_t index(const std::array<long, 3>& c) const {
@@ -57,98 +66,151 @@ struct Grid {
   }
 };
 
+/// Particles by cell, and their positions in that order, so that a search reads memory in a row.
+template <int Dim>
+struct Binned {
+  std::vector<std::size_t> first;  ///< of each cell; one more than cells
+  std::vector<std::int32_t> member;
+  std::array<std::vector<double>, static_cast<std::size_t>(Dim)> x;
+
+  /// Particles [begin, end).
+  Binned(const Grid<Dim>& grid, const Particles<Dim>& particles, std::size_t begin, std::size_t end)
+      : first(grid.count() + 1, 0), member(end - begin) {
+    std::vector<std::size_t> cell(end - begin);
+    for (std::size_t i = begin; i < end; ++i) {
+      cell[i - begin] = grid.index(grid.place(particles, i));
+      ++first[cell[i - begin] + 1];
+    }
+    std::partial_sum(first.begin(), first.end(), first.begin());
+    std::vector<std::size_t> fill(first.begin(), first.end() - 1);
+    for (auto& values : x) values.resize(end - begin);
+    for (std::size_t i = begin; i < end; ++i) {
+      const std::size_t k = fill[cell[i - begin]]++;
+      member[k] = static_cast<std::int32_t>(i);
+      for (std::size_t d = 0; d < Dim; ++d) x[d][k] = particles.x[d][i];
+    }
+  }
+};
+
+/// The cells within reach of a cluster along one axis: with their image, -1, 0 or 1.
+struct Span {
+  long low = 0, high = 0;  ///< unwrapped, both included
+};
+
 }  // namespace
 
 template <int Dim>
 void PairList::build(const Particles<Dim>& particles, const Period<Dim>& period, double reach,
                      Wanted wanted) {
-  const Grid<Dim> grid(particles, period, reach);
-  const std::size_t n = particles.size;
-
-  // Particles by cell (counting sort), so that a cell's members are contiguous.
-  std::vector<std::size_t> first(grid.count() + 1, 0);
-  std::vector<std::size_t> cell_of(n);
-  for (std::size_t i = 0; i < n; ++i) {
-    cell_of[i] = grid.index(grid.place(particles, i));
-    ++first[cell_of[i] + 1];
+  for (int k = 0; k < Dim; ++k)
+    if (std::isfinite(period.length[k]) && period.length[k] < 3 * reach)
+      throw NumericalError(
+          fmt::format("the periodic length {:g} m is below three times the reach of a particle, {:g} m",
+                      period.length[k], reach));
+  if (particles.size > Neighbour::most_particles)
+    throw UsageError(fmt::format("{} particles are more than a list can number, {}", particles.size,
+                                 Neighbour::most_particles));
+  // Cells of half the reach: a search looks at fewer particles that are too far.
+  const Grid<Dim> grid(particles, period, 0.5 * reach, 1e6 + 8 * static_cast<double>(particles.size));
+  interior_ = particles.interior;
+  size_ = particles.size;
+  const auto clusters_of = [](std::size_t n) { return (n + Pack::width - 1) / Pack::width; };
+  interior_clusters_ = clusters_of(interior_);
+  for (std::size_t image = 0; image < Neighbour::images; ++image) {
+    std::size_t code = image;
+    for (std::size_t k = 0; k < 3; ++k, code /= 3)
+      shifts_[image][k] = k < Dim && code % 3 != 1
+                              ? (static_cast<double>(code % 3) - 1) * period.length[static_cast<int>(k)]
+                              : 0.0;
   }
-  std::partial_sum(first.begin(), first.end(), first.begin());
-  std::vector<std::int32_t> members(n);
-  {
-    std::vector<std::size_t> fill(first.begin(), first.end() - 1);
-    for (std::size_t i = 0; i < n; ++i) members[fill[cell_of[i]]++] = static_cast<std::int32_t>(i);
-  }
+  const Binned<Dim> interior(grid, particles, 0, interior_), walls(grid, particles, interior_, size_);
+  const double reach2 = reach * reach;
 
-  // Members of a cell are in ascending order, so interior ones come before walls.
-  const auto visit = [&](std::size_t a, auto&& take) {
-    const bool wall = a >= particles.interior;
-    if (wall && !wanted.wall_sees_interior && !wanted.wall_sees_wall) return;
-    const Vec<Dim> xa = particles.position(a);
-    const std::array<long, 3> at = grid.place(particles, a);
-    const double reach2 = reach * reach;
-    for (long dz = Dim == 3 ? -1 : 0; dz <= (Dim == 3 ? 1 : 0); ++dz)
-      for (long dy = -1; dy <= 1; ++dy)
-        for (long dx = -1; dx <= 1; ++dx) {
-          std::array<long, 3> c{at[0] + dx, at[1] + dy, at[2] + dz};
-          bool inside = true;
-          for (std::size_t k = 0; k < 3; ++k) {
-            if (grid.periodic[k]) c[k] = (c[k] + grid.cells[k]) % grid.cells[k];
-            inside = inside && c[k] >= 0 && c[k] < grid.cells[k];
+  // Calls take(neighbour) for every particle of `of` that is near a member of the cluster.
+  const auto search = [&](const Cluster& cluster, const Binned<Dim>& of, auto&& take) {
+    const Vec<Dim, Pack> x = particles.position(cluster);
+    std::array<Span, 3> span;
+    for (std::size_t k = 0; k < Dim; ++k) {
+      double low = x.c[k][0], high = low;
+      for (std::size_t lane = 1; lane < Pack::width; ++lane)
+        low = std::min(low, x.c[k][lane]), high = std::max(high, x.c[k][lane]);
+      span[k] = {grid.along(k, low - reach), grid.along(k, high + reach)};
+      if (!grid.periodic[k])
+        span[k] = {std::clamp(span[k].low, 0L, grid.cells[k] - 1),
+                   std::clamp(span[k].high, 0L, grid.cells[k] - 1)};
+    }
+    std::array<long, 3> c{};
+    for (c[2] = span[2].low; c[2] <= span[2].high; ++c[2])
+      for (c[1] = span[1].low; c[1] <= span[1].high; ++c[1])
+        for (c[0] = span[0].low; c[0] <= span[0].high; ++c[0]) {
+          std::array<long, 3> wrapped = c;
+          std::size_t image = 0;
+          for (std::size_t k = 3; k-- > 0;) {
+            std::size_t code = 1;
+            if (grid.periodic[k] && wrapped[k] < 0) wrapped[k] += grid.cells[k], code = 0;
+            if (grid.periodic[k] && wrapped[k] >= grid.cells[k]) wrapped[k] -= grid.cells[k], code = 2;
+            image = 3 * image + code;
           }
-          if (!inside) continue;
-          const std::size_t cell = grid.index(c);
-          for (std::size_t k = first[cell]; k < first[cell + 1]; ++k) {
-            const auto b = static_cast<std::size_t>(members[k]);
-            if (b == a) continue;
-            const bool b_wall = b >= particles.interior;
-            if (wall && (b_wall ? !wanted.wall_sees_wall : !wanted.wall_sees_interior)) continue;
-            const Vec<Dim> r = period.shortest(xa - particles.position(b));
-            if (dot(r, r) < reach2) take(b, b_wall);
+          const std::size_t cell = grid.index(wrapped);
+          for (std::size_t n = of.first[cell]; n < of.first[cell + 1]; ++n) {
+            Pack square = 0;
+            for (std::size_t k = 0; k < Dim; ++k) {
+              const Pack r = x.c[k] - (of.x[k][n] + shifts_[image][k]);
+              square += r * r;
+            }
+            if ((square < Pack(reach2)).any()) take(Neighbour(static_cast<std::size_t>(of.member[n]), image));
           }
         }
   };
 
-  start_.assign(n + 1, 0);
-  split_.assign(n, 0);
-#pragma omp parallel for schedule(static)
-  for (std::size_t a = 0; a < n; ++a) {
-    std::size_t inside = 0;
-    std::size_t walls = 0;
-    visit(a, [&](std::size_t, bool b_wall) { ++(b_wall ? walls : inside); });
-    start_[a + 1] = inside + walls;
-    split_[a] = inside;
+  // Each thread lists a block of clusters; the blocks are joined in order.
+  constexpr std::size_t block = 64;
+  const std::size_t all = interior_clusters_ + clusters_of(size_ - interior_);
+  const std::size_t blocks = (all + block - 1) / block;
+  start_.assign(all + 1, 0);
+  split_.assign(all, 0);
+  std::vector<std::vector<Neighbour>> parts(blocks);
+#pragma omp parallel for schedule(dynamic)
+  for (std::size_t b = 0; b < blocks; ++b) {
+    std::vector<Neighbour>& part = parts[b];
+    for (std::size_t k = b * block; k < std::min(all, (b + 1) * block); ++k) {
+      const Cluster a = cluster(k);
+      const bool wall = a.first >= interior_;
+      const std::size_t before = part.size();
+      const auto take = [&](Neighbour n) { part.push_back(n); };
+      if (!wall || wanted.wall_sees_interior) search(a, interior, take);
+      split_[k] = part.size() - before;
+      if (!wall || wanted.wall_sees_wall) search(a, walls, take);
+      start_[k + 1] = part.size() - before;
+    }
   }
   std::partial_sum(start_.begin(), start_.end(), start_.begin());
-  pairs_.resize(start_.back() + 1);  // one more, so that the address of the end exists
+  for (std::size_t k = 0; k < all; ++k) split_[k] += start_[k];
+  neighbours_.resize(start_.back());
 #pragma omp parallel for schedule(static)
-  for (std::size_t a = 0; a < n; ++a) {
-    split_[a] += start_[a];
-    std::size_t inside = start_[a];
-    std::size_t walls = split_[a];
-    visit(a, [&](std::size_t b, bool b_wall) {
-      pairs_[b_wall ? walls++ : inside++] = static_cast<std::int32_t>(b);
-    });
-    // Ascending order: sums in memory order, the same whatever the grid.
-    std::sort(pairs_.begin() + static_cast<std::ptrdiff_t>(start_[a]),
-              pairs_.begin() + static_cast<std::ptrdiff_t>(split_[a]));
-    std::sort(pairs_.begin() + static_cast<std::ptrdiff_t>(split_[a]),
-              pairs_.begin() + static_cast<std::ptrdiff_t>(start_[a + 1]));
-  }
+  for (std::size_t b = 0; b < blocks; ++b)
+    std::copy(parts[b].begin(), parts[b].end(),
+              neighbours_.begin() + static_cast<std::ptrdiff_t>(start_[b * block]));
 }
 
 template <int Dim>
 std::vector<std::int32_t> spatial_order(const Particles<Dim>& particles, double cell) {
-  const Grid<Dim> grid(particles, Period<Dim>{}, cell);
-  std::vector<std::size_t> key(particles.size);
-  for (std::size_t i = 0; i < particles.size; ++i) key[i] = grid.index(grid.place(particles, i));
+  constexpr int bits = Dim == 2 ? 30 : 20;
+  const Grid<Dim> grid(particles, Period<Dim>{}, cell, 1L << bits);  // so that each axis has no more
+  std::vector<std::pair<std::uint64_t, std::int32_t>> keys(particles.size);
+  for (std::size_t i = 0; i < particles.size; ++i) {
+    const std::array<long, 3> c = grid.place(particles, i);
+    std::uint64_t key = 0;
+    for (int bit = bits; bit-- > 0;)
+      for (std::size_t k = 0; k < Dim; ++k)
+        key = key << 1U | (static_cast<std::uint64_t>(c[k]) >> static_cast<unsigned>(bit) & 1U);
+    keys[i] = {key, static_cast<std::int32_t>(i)};
+  }
+  const auto middle = keys.begin() + static_cast<std::ptrdiff_t>(particles.interior);
+  std::sort(keys.begin(), middle);
+  std::sort(middle, keys.end());
   std::vector<std::int32_t> order(particles.size);
-  std::iota(order.begin(), order.end(), 0);
-  const auto by_cell = [&](std::int32_t a, std::int32_t b) {
-    return key[static_cast<std::size_t>(a)] < key[static_cast<std::size_t>(b)];
-  };
-  const auto middle = order.begin() + static_cast<std::ptrdiff_t>(particles.interior);
-  std::stable_sort(order.begin(), middle, by_cell);
-  std::stable_sort(middle, order.end(), by_cell);
+  std::transform(keys.begin(), keys.end(), order.begin(), [](const auto& key) { return key.second; });
   return order;
 }
 

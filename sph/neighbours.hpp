@@ -1,17 +1,23 @@
-// Who is near whom: a Verlet list over a grid of cells, with periodic directions.
+// Who is near whom: Verlet lists of clusters over a grid of cells, with periodic directions.
 //
-// The list holds all pairs within support + skin and stays valid until some particle has moved half the skin,
-// which is checked every step. Each particle's neighbours are stored interior first, then walls, so that a
-// pass over one kind of pair has no branch. Lists are full (a sees b and b sees a): every sum is taken by its
-// own particle, in a fixed order, so results do not depend on the number of threads.
+// Particles that follow each other in memory are close in space (spatial_order), and Pack::width of them are
+// a cluster: the lanes of a pass. A cluster has one list, of all particles within support + skin of any of
+// its members. So a pass loads a neighbour once for all lanes, gathers nothing, and a lane that is farther
+// from it than the kernel reaches adds zero. A particle is its own neighbour, at distance zero.
+//
+// A list stays valid until some particle has moved half the skin, which is checked every step. Neighbours
+// stand interior first, then walls, so that a pass over one kind of pair has no branch. Every sum is taken by
+// its own particle, in a fixed order, so results do not depend on the number of threads.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <limits>
 #include <vector>
 
 #include "sph/base/tensor.hpp"
+#include "sph/loops.hpp"
 #include "sph/particles.hpp"
 
 namespace dem2sph {
@@ -24,21 +30,20 @@ struct Period {
   Period() {
     for (int k = 0; k < Dim; ++k) length[k] = std::numeric_limits<double>::infinity();
   }
-  /// The shortest image of a difference of positions (|r| below 1.5 periods).
-  Vec<Dim> shortest(Vec<Dim> r) const {
-    for (int k = 0; k + 1 < Dim; ++k) shorten(r, k);
-    // A branch that is always foretold costs less than the arithmetic that would change nothing.
-    if (length[Dim - 1] < std::numeric_limits<double>::infinity()) [[unlikely]]
-      shorten(r, Dim - 1);
-    return r;
-  }
+};
+
+/// A particle b of a list, and in which periodic image it is near: its index, and one of 27 images.
+class Neighbour {
+ public:
+  static constexpr std::size_t images = 27;
+  static constexpr std::size_t most_particles = std::size_t{1} << 27U;
+  Neighbour() = default;
+  Neighbour(std::size_t b, std::size_t image) : packed_(static_cast<std::uint32_t>(image << 27U | b)) {}
+  std::size_t index() const { return packed_ & 0x7FFFFFFU; }
+  std::size_t image() const { return packed_ >> 27U; }
 
  private:
-  void shorten(Vec<Dim>& r, int k) const {
-    const double half = 0.5 * length[k];
-    r[k] -= r[k] > half ? length[k] : 0.0;
-    r[k] += r[k] < -half ? length[k] : 0.0;
-  }
+  std::uint32_t packed_ = 0;
 };
 
 class PairList {
@@ -49,34 +54,75 @@ class PairList {
     bool wall_sees_wall = false;
   };
 
-  /// Lists all pairs closer than `reach`. Throws NumericalError if a position is not finite or a periodic
-  /// length is below twice the reach.
+  /// Lists all pairs closer than `reach`. Positions are within [0, length) of periodic directions. Throws
+  /// NumericalError if a position is not finite or a periodic length is below three times the reach.
   template <int Dim>
   void build(const Particles<Dim>& particles, const Period<Dim>& period, double reach, Wanted wanted);
 
   struct Range {
-    const std::int32_t* first;
-    const std::int32_t* last;
-    const std::int32_t* begin() const { return first; }
-    const std::int32_t* end() const { return last; }
+    const Neighbour* first;
+    const Neighbour* last;
+    const Neighbour* begin() const { return first; }
+    const Neighbour* end() const { return last; }
   };
-  Range interior_of(std::size_t a) const { return {&pairs_[start_[a]], &pairs_[split_[a]]}; }
-  Range walls_of(std::size_t a) const { return {&pairs_[split_[a]], &pairs_[start_[a + 1]]}; }
-  Range all_of(std::size_t a) const { return {&pairs_[start_[a]], &pairs_[start_[a + 1]]}; }
-  std::size_t pairs() const { return start_.empty() ? 0 : start_.back(); }
+  Range interior_of(const Cluster& a) const { return {at(start_[a.list]), at(split_[a.list])}; }
+  Range walls_of(const Cluster& a) const { return {at(split_[a.list]), at(start_[a.list + 1])}; }
+  Range all_of(const Cluster& a) const { return {at(start_[a.list]), at(start_[a.list + 1])}; }
+  /// What to add to the position of a neighbour to get the image that is near.
+  template <int Dim>
+  [[gnu::always_inline]] Vec<Dim> shift(Neighbour b) const {
+    Vec<Dim> value;
+    for (int k = 0; k < Dim; ++k) value[k] = shifts_[b.image()][static_cast<std::size_t>(k)];
+    return value;
+  }
+
+  std::size_t clusters() const { return split_.size(); }
+  /// Clusters of interior particles come first.
+  Cluster cluster(std::size_t list) const {
+    const bool wall = list >= interior_clusters_;
+    const std::size_t first =
+        wall ? interior_ + (list - interior_clusters_) * Pack::width : list * Pack::width;
+    return {first, std::min(Pack::width, (wall ? size_ : interior_) - first), list};
+  }
+  /// Calls f(cluster) for all clusters of interior particles, of walls, or of both, in parallel.
+  template <class F>
+  void for_interior(F&& f) const {
+    for_particles(0, interior_clusters_, [&](std::size_t k) { f(cluster(k)); });
+  }
+  template <class F>
+  void for_walls(F&& f) const {
+    for_particles(interior_clusters_, clusters(), [&](std::size_t k) { f(cluster(k)); });
+  }
+  template <class F>
+  void for_all(F&& f) const {
+    for_particles(0, clusters(), [&](std::size_t k) { f(cluster(k)); });
+  }
+  /// Sums over the interior clusters: f(cluster, sums) adds to `sums`.
+  template <std::size_t N, class F>
+  std::array<double, N> sum_over_interior(F&& f) const {
+    return sum_over<N>(0, interior_clusters_,
+                       [&](std::size_t k, std::array<double, N>& sums) { f(cluster(k), sums); });
+  }
+
+  /// Pairs of lanes and neighbours: what a pass over all of them evaluates.
+  std::size_t pairs() const { return start_.empty() ? 0 : Pack::width * start_.back(); }
   std::size_t bytes() const {
-    return pairs_.capacity() * sizeof(std::int32_t) +
+    return neighbours_.capacity() * sizeof(Neighbour) +
            (start_.capacity() + split_.capacity()) * sizeof(std::size_t);
   }
 
  private:
-  std::vector<std::size_t> start_;  // one more than particles
+  const Neighbour* at(std::size_t k) const { return neighbours_.data() + k; }
+
+  std::size_t interior_ = 0, size_ = 0, interior_clusters_ = 0;
+  std::vector<std::size_t> start_;  // one more than clusters
   std::vector<std::size_t> split_;
-  std::vector<std::int32_t> pairs_;
+  std::vector<Neighbour> neighbours_;
+  std::array<std::array<double, 3>, Neighbour::images> shifts_{};
 };
 
-/// Order in which particles lie close in memory when they are close in space: interior and walls each by
-/// cell.
+/// Order in which particles lie close in memory when they are close in space: interior and walls each along a
+/// Morton curve over cells (of about one spacing: then clusters are compact).
 template <int Dim>
 std::vector<std::int32_t> spatial_order(const Particles<Dim>& particles, double cell);
 

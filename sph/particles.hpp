@@ -13,6 +13,48 @@ namespace dem2sph {
 
 using Column = std::vector<double>;
 
+/// Up to Pack::width particles that follow each other in memory, and so lie close in space: the lanes of the
+/// passes over pairs. All are interior, or all of walls.
+struct Cluster {
+  std::size_t first = 0;
+  std::size_t count = 0;  ///< only the last of its kind has less than Pack::width
+  std::size_t list = 0;   ///< its number in the pair list
+
+  /// Lanes beyond `count` repeat the last particle, so that nothing they compute is out of range.
+  [[gnu::always_inline]] Pack load(const Column& column) const {
+    if (count == Pack::width) [[likely]]
+      return Pack::load(&column[first]);
+    Pack some;
+    for (std::size_t lane = 0; lane < Pack::width; ++lane)
+      some.set(lane, column[first + (lane < count ? lane : count - 1)]);
+    return some;
+  }
+  [[gnu::always_inline]] void store(Column& column, const Pack& value) const {
+    if (count == Pack::width) [[likely]] {
+      value.store(&column[first]);
+      return;
+    }
+    for (std::size_t lane = 0; lane < count; ++lane) column[first + lane] = value[lane];
+  }
+  /// The same over all components of a field.
+  template <class Value, std::size_t N>
+  [[gnu::always_inline]] Value load(const std::array<Column, N>& columns) const {
+    Value value;
+    for (std::size_t k = 0; k < N; ++k) value.c[k] = load(columns[k]);
+    return value;
+  }
+  template <class Value, std::size_t N>
+  [[gnu::always_inline]] void store(std::array<Column, N>& columns, const Value& value) const {
+    for (std::size_t k = 0; k < N; ++k) store(columns[k], value.c[k]);
+  }
+  /// 1 for a particle, 0 for a lane without one.
+  [[gnu::always_inline]] Pack present() const {
+    Pack one = 1;
+    for (std::size_t lane = count; lane < Pack::width; ++lane) one.set(lane, 0);
+    return one;
+  }
+};
+
 template <int Dim>
 struct Particles {
   template <std::size_t N>
@@ -102,6 +144,9 @@ struct Particles {
   static void store(Columns<square>& field, std::size_t i, const Gradient<Dim>& value) {
     for (std::size_t k = 0; k < square; ++k) field[k][i] = value.c[k];
   }
+  Vec<Dim, Pack> position(const Cluster& of) const { return of.load<Vec<Dim, Pack>>(x); }
+  Vec<Dim, Pack> velocity(const Cluster& of) const { return of.load<Vec<Dim, Pack>>(v); }
+  Sym<Dim, Pack> deviator(const Cluster& of) const { return of.load<Sym<Dim, Pack>>(s); }
   Vec<Dim> position(std::size_t i) const { return load(x, i); }
   Vec<Dim> velocity(std::size_t i) const { return load(v, i); }
   Vec<Dim> acceleration(std::size_t i) const { return load(a, i); }

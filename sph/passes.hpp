@@ -21,29 +21,40 @@ namespace dem2sph {
 template <int Dim>
 struct Surroundings {
   const PairList& list;
-  const Period<Dim>& period;
   const std::vector<Wall<Dim>>& walls;
 };
 
 inline std::size_t index(std::int32_t b) { return static_cast<std::size_t>(b); }
 
-template <int Dim, class Kernel>
-[[gnu::always_inline]] inline Pair<Dim> pair_of(const Kernel& kernel, const Period<Dim>& period,
-                                                const Vec<Dim>& x_a, const Vec<Dim>& x_b) {
-  Pair<Dim> ab;
-  ab.r = period.shortest(x_a - x_b);
+template <int Dim, class Real, class Kernel>
+[[gnu::always_inline]] inline Pair<Dim, Real> pair_of(const Kernel& kernel, const Vec<Dim, Real>& x_a,
+                                                      const Vec<Dim, Real>& x_b) {
+  Pair<Dim, Real> ab;
+  ab.r = x_a - x_b;
   ab.distance = norm(ab.r);
-  const KernelValue k = kernel(ab.distance);
+  const KernelValue<Real> k = kernel(ab.distance);
   ab.w = k.w;
   ab.f = k.f;
   ab.grad_w = k.f * ab.r;
   return ab;
 }
+/// The position of the image of a neighbour that is near.
+template <int Dim>
+[[gnu::always_inline]] inline Vec<Dim> image_of(const Particles<Dim>& q, const Surroundings<Dim>& around,
+                                                Neighbour b) {
+  return q.position(b.index()) + around.list.template shift<Dim>(b);
+}
+template <int Dim, class Kernel>
+[[gnu::always_inline]] inline Pair<Dim, Pack> pair_with(const Particles<Dim>& q,
+                                                        const Surroundings<Dim>& around, const Kernel& kernel,
+                                                        const Vec<Dim, Pack>& x_a, Neighbour b) {
+  return pair_of(kernel, x_a, broadcast(image_of(q, around, b)));
+}
 /// Only the kernel's value: density and extrapolation need no gradient.
 template <int Dim, class Kernel>
-[[gnu::always_inline]] inline double weight_of(const Kernel& kernel, const Period<Dim>& period,
-                                               const Vec<Dim>& x_a, const Vec<Dim>& x_b) {
-  return kernel(norm(period.shortest(x_a - x_b))).w;
+[[gnu::always_inline]] inline Pack weight_of(const Particles<Dim>& q, const Surroundings<Dim>& around,
+                                             const Kernel& kernel, const Vec<Dim, Pack>& x_a, Neighbour b) {
+  return kernel(norm(x_a - broadcast(image_of(q, around, b)))).w;
 }
 template <int Dim>
 const Wall<Dim>& wall_of(const Particles<Dim>& q, const Surroundings<Dim>& around, std::size_t w) {
@@ -51,32 +62,31 @@ const Wall<Dim>& wall_of(const Particles<Dim>& q, const Surroundings<Dim>& aroun
 }
 
 // ---- density
-/// Eq. 5.17 (given), over all neighbours and the particle itself: into `sum`.
+/// Eq. 5.17 (given), over all neighbours and the particle itself: into `sum`; of the material alone, or of
+/// walls too.
 template <int Dim, class Kernel>
-void density_pass(const Particles<Dim>& q, std::size_t count, const Surroundings<Dim>& around,
+void density_pass(const Particles<Dim>& q, bool walls_too, const Surroundings<Dim>& around,
                   const Kernel& kernel, Column& sum) {
-  const double self = kernel(0).w;
-  for_particles(0, count, [&](std::size_t a) {
-    const Vec<Dim> x = q.position(a);
-    double rho = q.m[a] * self;
-    for (const std::int32_t b : around.list.all_of(a))
-      rho += q.m[index(b)] * weight_of(kernel, around.period, x, q.position(index(b)));
-    sum[a] = rho;
-  });
+  const auto pass = [&](const Cluster& a) {
+    const Vec<Dim, Pack> x = q.position(a);
+    Pack rho;
+    for (const Neighbour b : around.list.all_of(a))
+      rho += q.m[b.index()] * weight_of(q, around, kernel, x, b);
+    a.store(sum, rho);
+  };
+  walls_too ? around.list.for_all(pass) : around.list.for_interior(pass);
 }
 /// Eq. 5.18 (given): the Shepard filter over rho_tilde, into rho.
 template <int Dim, class Kernel>
-void shepard_pass(Particles<Dim>& q, std::size_t count, const Surroundings<Dim>& around,
-                  const Kernel& kernel) {
-  const double self = kernel(0).w;
-  for_particles(0, count, [&](std::size_t a) {
-    const Vec<Dim> x = q.position(a);
-    double sum = q.m[a] / q.rho_tilde[a] * self;
-    for (const std::int32_t b : around.list.all_of(a))
-      sum +=
-          q.m[index(b)] / q.rho_tilde[index(b)] * weight_of(kernel, around.period, x, q.position(index(b)));
-    q.rho[a] = q.rho_tilde[a] / sum;
-  });
+void shepard_pass(Particles<Dim>& q, bool walls_too, const Surroundings<Dim>& around, const Kernel& kernel) {
+  const auto pass = [&](const Cluster& a) {
+    const Vec<Dim, Pack> x = q.position(a);
+    Pack sum;
+    for (const Neighbour b : around.list.all_of(a))
+      sum += q.m[b.index()] / q.rho_tilde[b.index()] * weight_of(q, around, kernel, x, b);
+    a.store(q.rho, a.load(q.rho_tilde) / sum);
+  };
+  walls_too ? around.list.for_all(pass) : around.list.for_interior(pass);
 }
 
 // ---- first moment of the gradient
@@ -96,22 +106,31 @@ template <int Dim, class Kernel>
 void moment_pass(Particles<Dim>& q, const Surroundings<Dim>& around, const Kernel& kernel) {
   const bool inverse = !q.correction[0].empty();
   const bool eigenvalue = !q.lambda.empty();
-  for_particles(0, q.interior, [&](std::size_t a) {
-    const Vec<Dim> x = q.position(a);
-    Gradient<Dim> m;
-    for (const std::int32_t i : around.list.all_of(a)) {
-      const std::size_t b = index(i);
-      add_first_moment(m, q.m[b] / q.rho[b], pair_of(kernel, around.period, x, q.position(b)));
+  around.list.for_interior([&](const Cluster& a) {
+    const Vec<Dim, Pack> x = q.position(a);
+    Gradient<Dim, Pack> m;
+    for (const Neighbour b : around.list.all_of(a))
+      add_first_moment(m, q.m[b.index()] / q.rho[b.index()], pair_with(q, around, kernel, x, b));
+    for (std::size_t lane = 0; lane < a.count; ++lane) {
+      Gradient<Dim> of_one;
+      for (std::size_t k = 0; k < of_one.c.size(); ++k) of_one.c[k] = m.c[k][lane];
+      const Moment<Dim> moment = invert_moment(of_one);
+      if (inverse) Particles<Dim>::store(q.correction, a.first + lane, moment.inverse);
+      if (eigenvalue) q.lambda[a.first + lane] = moment.lambda;
     }
-    const Moment<Dim> moment = invert_moment(m);
-    if (inverse) Particles<Dim>::store(q.correction, a, moment.inverse);
-    if (eigenvalue) q.lambda[a] = moment.lambda;
   });
 }
 
+template <int Dim, class Real>
+[[gnu::always_inline]] inline Vec<Dim, Real> product(const Gradient<Dim, Real>& m, const Vec<Dim, Real>& v) {
+  Vec<Dim, Real> result;
+  for (int i = 0; i < Dim; ++i)
+    for (int j = 0; j < Dim; ++j) result[i] += m(i, j) * v[j];
+  return result;
+}
 template <int Dim>
-[[gnu::always_inline]] inline Vec<Dim> product(const Gradient<Dim>& m, const Vec<Dim>& v) {
-  Vec<Dim> result;
+[[gnu::always_inline]] inline Vec<Dim, Pack> product(const Gradient<Dim>& m, const Vec<Dim, Pack>& v) {
+  Vec<Dim, Pack> result;
   for (int i = 0; i < Dim; ++i)
     for (int j = 0; j < Dim; ++j) result[i] += m(i, j) * v[j];
   return result;
@@ -142,68 +161,84 @@ void gradient_pass(Particles<Dim>& q, const Surroundings<Dim>& around, const Ker
                    const Density& density, const Walls& walls, const Correction&, double hydrostatic_slope,
                    double c0) {
   constexpr bool corrected = std::is_same_v<Correction, BonetLok1999>;
+  constexpr bool hydrostatic = std::is_same_v<Density, ContinuityFourtakas2019>;
   const double diffusion = [&] {
     if constexpr (is_diffusive<Density>) return density.delta * kernel.h() * c0;
     return 0.0;
   }();
-  const std::size_t count = has_own_state<Walls> ? q.size : q.interior;
   [[maybe_unused]] const bool own_rho0 = !q.rho0.empty();
-  for_particles(0, count, [&](std::size_t a) {
-    const Vec<Dim> x = q.position(a);
-    const Vec<Dim> v = q.velocity(a);
-    const bool wall = has_own_state<Walls> && a >= q.interior;
-    Gradient<Dim> l;
-    double rate = 0;
-    const auto add = [&](std::size_t b, const Vec<Dim>& difference, bool diffuses)
+  const auto pass = [&](const Cluster& a, auto of_wall) {
+    constexpr bool wall = of_wall;
+    const Vec<Dim, Pack> x = q.position(a);
+    const Vec<Dim, Pack> v = q.velocity(a);
+    Gradient<Dim, Pack> l;
+    Pack rate;
+    Pack rho_a, excess_a, p_a;
+    if constexpr (!is_summed<Density>) rho_a = a.load(q.rho);
+    if constexpr (is_diffusive<Density>) {
+      excess_a = rho_a;
+      if (own_rho0) excess_a -= a.load(q.rho0);  // at equal pressure nothing diffuses
+      if constexpr (hydrostatic) p_a = a.load(q.p);
+    }
+    const auto add = [&](Neighbour n, const Vec<Dim, Pack>& difference, auto diffuses)
         __attribute__((always_inline)) {
-      const Pair<Dim> ab = pair_of(kernel, around.period, x, q.position(b));
+      const std::size_t b = n.index();
+      const Pair<Dim, Pack> ab = pair_with(q, around, kernel, x, n);
       const double volume = q.m[b] / q.rho[b];
       add_velocity_gradient(l, volume, difference, ab);
       if constexpr (std::is_same_v<Density, ContinuityMonaghan1994>)
         rate -= q.m[b] * dot(difference, ab.grad_w);
-      if constexpr (is_diffusive<Density>) {
-        if (!diffuses) return;
-        double excess = q.rho[b] - q.rho[a];
-        if (own_rho0) excess -= q.rho0[b] - q.rho0[a];  // at equal pressure nothing diffuses
+      if constexpr (is_diffusive<Density> && diffuses) {
+        Pack excess = (own_rho0 ? q.rho[b] - q.rho0[b] : q.rho[b]) - excess_a;
         // Nothing is hydrostatic in material that bears no pressure: without this a falling column would gain
         // some.
-        if constexpr (std::is_same_v<Density, ContinuityFourtakas2019>)
-          if (q.p[a] > 0 && q.p[b] > 0) excess -= hydrostatic_difference<Dim>(hydrostatic_slope, ab);
-        rate += diffusion * density_diffusion<Dim>(excess, volume, ab);
+        if constexpr (hydrostatic)
+          if (q.p[b] > 0)
+            excess -= select(p_a > Pack(0), hydrostatic_difference(hydrostatic_slope, ab), Pack(0));
+        rate += diffusion * density_diffusion(excess, volume, ab);
       }
     };
-    for (const std::int32_t i : around.list.interior_of(a)) {
-      const std::size_t b = index(i);
+    /// What the lanes see of wall particles, or wall particles in the lanes of b.
+    [[maybe_unused]] const auto seen = [&](std::size_t b) {
+      Vec<Dim, Pack> velocity;
       if constexpr (has_own_state<Walls>)
-        add(b, wall ? q.velocity(b) - seen_wall_velocity(q, around, walls.B_max, a, b) : q.velocity(b) - v,
-            !wall);
+        for (std::size_t lane = 0; lane < a.count; ++lane)
+          set_lane(velocity, lane,
+                   wall ? seen_wall_velocity(q, around, walls.B_max, a.first + lane, b)
+                        : seen_wall_velocity(q, around, walls.B_max, b, a.first + lane));
+      return velocity;
+    };
+    for (const Neighbour b : around.list.interior_of(a)) {
+      const Vec<Dim, Pack> v_b = broadcast(q.velocity(b.index()));
+      if constexpr (wall)
+        add(b, v_b - seen(b.index()), std::false_type{});
       else
-        add(b, q.velocity(b) - v, true);
+        add(b, v_b - v, std::true_type{});
     }
-    for (const std::int32_t i : around.list.walls_of(a)) {
-      const std::size_t b = index(i);
-      if constexpr (has_own_state<Walls>)
-        add(b, wall ? q.velocity(b) - v : seen_wall_velocity(q, around, walls.B_max, b, a) - v, false);
+    for (const Neighbour b : around.list.walls_of(a)) {
+      if constexpr (has_own_state<Walls> && !wall)
+        add(b, seen(b.index()) - v, std::false_type{});
       else
-        add(b, q.velocity(b) - v, false);
+        add(b, broadcast(q.velocity(b.index())) - v, std::false_type{});
     }
-    if constexpr (corrected) {
+    if constexpr (corrected && !wall) {
       // L_a B_a: sum of dv (x) (B grad W), B being symmetric.
-      if (!wall) {
-        const Gradient<Dim> B = Particles<Dim>::load(q.correction, a);
-        Gradient<Dim> exact;
-        for (int i = 0; i < Dim; ++i)
-          for (int j = 0; j < Dim; ++j)
-            for (int k = 0; k < Dim; ++k) exact(i, j) += l(i, k) * B(k, j);
-        l = exact;
-      }
+      const auto B = a.load<Gradient<Dim, Pack>>(q.correction);
+      Gradient<Dim, Pack> exact;
+      for (int i = 0; i < Dim; ++i)
+        for (int j = 0; j < Dim; ++j)
+          for (int k = 0; k < Dim; ++k) exact(i, j) += l(i, k) * B(k, j);
+      l = exact;
     }
     if constexpr (!is_summed<Density>) {
-      if constexpr (!std::is_same_v<Density, ContinuityMonaghan1994>) rate -= q.rho[a] * l.trace();
-      q.rho_rate[a] = rate;
+      if constexpr (!std::is_same_v<Density, ContinuityMonaghan1994>) rate -= rho_a * l.trace();
+      a.store(q.rho_rate, rate);
     }
-    Particles<Dim>::store(q.l, a, l);
-  });
+    a.store(q.l, l);
+  };
+  around.list.for_interior([&](const Cluster& a) { pass(a, std::false_type{}); });
+  if constexpr (has_own_state<Walls>)
+    around.list.for_walls([&](const Cluster& a) { pass(a, std::true_type{}); });
 }
 
 /// The part of v that is tangential to a surface with unit normal n.
@@ -290,16 +325,9 @@ Normals<Dim> smooth_normals(const std::vector<Wall<Dim>>& walls, const Vec<Dim>&
 template <int Dim, class Kernel>
 void wall_velocity_pass(Particles<Dim>& q, const Surroundings<Dim>& around, const Kernel& kernel,
                         const WallForces& forces) {
-  for_particles(q.interior, q.size, [&](std::size_t w) {
+  const auto seen_by = [&](std::size_t w, Vec<Dim> mean, double sum) {
     const Wall<Dim>& wall = wall_of(q, around, w);
     const Vec<Dim> x = q.position(w);
-    Vec<Dim> mean;
-    double sum = 0;
-    for (const std::int32_t i : around.list.interior_of(w)) {
-      const double weight = weight_of(kernel, around.period, x, q.position(index(i)));
-      mean += weight * q.velocity(index(i));
-      sum += weight;
-    }
     const Vec<Dim> own = wall.velocity_at(x);
     Vec<Dim> seen = own;
     if (sum > 0) {
@@ -317,7 +345,19 @@ void wall_velocity_pass(Particles<Dim>& q, const Surroundings<Dim>& around, cons
         seen = own + relative;
       }
     }
-    Particles<Dim>::store(q.v, w, seen);
+    return seen;
+  };
+  around.list.for_walls([&](const Cluster& a) {
+    const Vec<Dim, Pack> x = q.position(a);
+    Vec<Dim, Pack> mean;
+    Pack sum;
+    for (const Neighbour b : around.list.interior_of(a)) {
+      const Pack weight = weight_of(q, around, kernel, x, b);
+      mean += weight * broadcast(q.velocity(b.index()));
+      sum += weight;
+    }
+    for (std::size_t lane = 0; lane < a.count; ++lane)
+      Particles<Dim>::store(q.v, a.first + lane, seen_by(a.first + lane, lane_of(mean, lane), sum[lane]));
   });
 }
 
@@ -346,25 +386,11 @@ void wall_stress_pass(Particles<Dim>& q, const Surroundings<Dim>& around, const 
                       const Walls& part, const Stress& stress, const EquationOfState& eos,
                       const Vec<Dim>& gravity, double cohesion, double mu_at_rest, double dt,
                       const WallForces& forces) {
-  for_particles(q.interior, q.size, [&](std::size_t w) {
+  // `moment` is the sum of rho (x_w - x_b) W.
+  const auto set = [&](std::size_t w, double sum, [[maybe_unused]] double p_sum,
+                       [[maybe_unused]] const Vec<Dim>& moment, Sym<Dim> s_sum) {
     const Wall<Dim>& wall = wall_of(q, around, w);
-    const Vec<Dim> x = q.position(w);
-    double sum = 0;
-    double p_sum = 0;
-    Vec<Dim> moment;  // sum of rho (x_w - x_b) W
-    Sym<Dim> s_sum;
-    for (const std::int32_t i : around.list.interior_of(w)) {
-      const std::size_t b = index(i);
-      const Vec<Dim> r = around.period.shortest(x - q.position(b));
-      const double weight = kernel(norm(r)).w;
-      sum += weight;
-      Sym<Dim> s = q.deviator(b);
-      s_sum += (s *= weight);
-      if constexpr (!has_own_state<Walls>) {
-        p_sum += weight * q.p[b];
-        moment += (weight * q.rho[b]) * r;
-      }
-    }
+    [[maybe_unused]] const Vec<Dim> x = q.position(w);
     if constexpr (has_own_state<Walls>) {
       if (!(sum > 0)) return;
       Sym<Dim> s = q.deviator(w);
@@ -397,6 +423,26 @@ void wall_stress_pass(Particles<Dim>& q, const Surroundings<Dim>& around, const 
       q.rho[w] = eos.density(p);  // of its own volume, whatever room swollen material takes
       q.set_deviator(w, s);
     }
+  };
+  around.list.for_walls([&](const Cluster& a) {
+    const Vec<Dim, Pack> x = q.position(a);
+    Pack sum, p_sum;
+    Vec<Dim, Pack> moment;
+    Sym<Dim, Pack> s_sum;
+    for (const Neighbour n : around.list.interior_of(a)) {
+      const std::size_t b = n.index();
+      const Vec<Dim, Pack> r = x - broadcast(image_of(q, around, n));
+      const Pack weight = kernel(norm(r)).w;
+      sum += weight;
+      const Sym<Dim> s = q.deviator(b);
+      for (int k = 0; k < Sym<Dim>::size; ++k) s_sum[k] += weight * s[k];
+      if constexpr (!has_own_state<Walls>) {
+        p_sum += weight * q.p[b];
+        moment += (weight * q.rho[b]) * r;
+      }
+    }
+    for (std::size_t lane = 0; lane < a.count; ++lane)
+      set(a.first + lane, sum[lane], p_sum[lane], lane_of(moment, lane), lane_of(s_sum, lane));
   });
 }
 
@@ -409,6 +455,41 @@ struct MomentumSums {
   double sliding = 0;
 };
 
+/// The bracket of Eq. 5.20 for particle a beside a particle of a wall that is smooth, or has a friction of
+/// its own. `own` is sigma_a/rho_a^2, `other` that of the wall's particle.
+template <int Dim, class Stress>
+Sym<Dim> stress_beside_wall(const Particles<Dim>& q, const Surroundings<Dim>& around, const Stress& stress,
+                            double cohesion, const WallForces& wall_forces, std::size_t a, std::size_t b,
+                            const Sym<Dim>& own, Sym<Dim> sum) {
+  const Wall<Dim>& wall = wall_of(q, around, b);
+  if (std::isnan(wall.basal_friction)) {
+    sum += own;
+    return smooth_normals(around.walls, q.position(b), q.position(a)).without_shear(sum);
+  }
+  Sym<Dim> s = q.deviator(a);
+  if (wall_forces.sliders) {
+    // The particle's own shear traction on the wall gives way to the slider's, in the same ratio to its
+    // pressure, so that the pair's forces have the ratio too.
+    const Vec<Dim> n = wall.normal(q.position(a));
+    const double of_wall = wall.basal_friction * q.p[b] + cohesion;
+    const double of_particle = q.p[a] > 0 ? wall.basal_friction * q.p[a] + cohesion : 0;
+    const double ratio = q.p[b] > 0 && of_wall > 0 ? of_particle / of_wall : 0;
+    add_shear_traction(s, ratio * traction(q.deviator(b), n) - tangential(traction(s, n), n), n);
+  } else {
+    const double beta = q.beta.empty() ? 0 : q.beta[a];
+    const double tau = equivalent_stress(s);
+    if constexpr (std::is_same_v<Stress, DirectStress>) {
+      // eta |g| = tau, and the strength is eta max(|g|, g_min).
+      const double g = q.gamma_dot[a];
+      const double strength = g > 0 ? tau / g * std::max(g, stress.gamma_dot_min) : 0;
+      s *= basal_factor(wall.basal_friction, beta, q.p[a], cohesion, strength);
+    } else {
+      s *= basal_limit(wall.basal_friction, beta, q.p[a], cohesion, tau);
+    }
+  }
+  return sum += stress_over_density_squared(s, q.p[a], q.rho[a]);
+}
+
 /// Eq. 5.20 (given; the print lost m_b) plus what damping adds: into a.
 template <int Dim, class Kernel, class Damping, class Correction, class Stress>
 MomentumSums momentum_pass(Particles<Dim>& q, const Surroundings<Dim>& around, const Kernel& kernel,
@@ -416,81 +497,74 @@ MomentumSums momentum_pass(Particles<Dim>& q, const Surroundings<Dim>& around, c
                            const Vec<Dim>& gravity, double c0, double cohesion, WallForces wall_forces) {
   constexpr bool corrected = std::is_same_v<Correction, BonetLok1999>;
   constexpr bool damped = !std::is_same_v<Damping, NoDamping>;
-  const auto sums = sum_over<3>(0, q.interior, [&](std::size_t a, std::array<double, 3>& power) {
-    const Vec<Dim> x = q.position(a);
-    const Vec<Dim> v = q.velocity(a);
-    const Sym<Dim> own = stress_over_density_squared(q.deviator(a), q.p[a], q.rho[a]);
-    Gradient<Dim> B_a;
-    if constexpr (corrected) B_a = Particles<Dim>::load(q.correction, a);
-    Vec<Dim> acceleration = gravity;
-    for (const std::int32_t i : around.list.interior_of(a)) {
-      const std::size_t b = index(i);
-      const Pair<Dim> ab = pair_of(kernel, around.period, x, q.position(b));
-      Sym<Dim> other = stress_over_density_squared(q.deviator(b), q.p[b], q.rho[b]);
-      if constexpr (corrected) {
-        add_stress_divergence(acceleration, q.m[b], own, product(B_a, ab.grad_w));
-        add_stress_divergence(acceleration, q.m[b], other,
-                              product(Particles<Dim>::load(q.correction, b), ab.grad_w));
-      } else {
-        other += own;
-        add_stress_divergence(acceleration, q.m[b], other, ab.grad_w);
-      }
-      if constexpr (damped) {
-        const Vec<Dim> difference = v - q.velocity(b);
-        double alpha = damping.alpha;
-        if constexpr (std::is_same_v<Damping, BalsaraDamping>) alpha *= 0.5 * (q.limiter[a] + q.limiter[b]);
-        const double viscous =
-            artificial_viscosity<Dim>(alpha, c0, kernel.h(), 0.5 * (q.rho[a] + q.rho[b]), difference, ab);
-        acceleration -= (q.m[b] * viscous) * ab.grad_w;
-        power[0] += 0.5 * q.m[a] * q.m[b] * viscous * dot(difference, ab.grad_w);
-      }
-    }
-    for (const std::int32_t i : around.list.walls_of(a)) {
-      const std::size_t b = index(i);
-      const Pair<Dim> ab = pair_of(kernel, around.period, x, q.position(b));
-      Sym<Dim> sum = stress_over_density_squared(q.deviator(b), q.p[b], q.rho[b]);
-      const bool smooth = wall_forces.smooth && !wall_of(q, around, b).rough;
-      const bool basal = wall_forces.basal && !std::isnan(wall_of(q, around, b).basal_friction);
-      if (basal) {
-        const Wall<Dim>& wall = wall_of(q, around, b);
-        Sym<Dim> s = q.deviator(a);
-        if (wall_forces.sliders) {
-          // The particle's own shear traction on the wall gives way to the slider's, in the same ratio to its
-          // pressure, so that the pair's forces have the ratio too.
-          const Vec<Dim> n = wall.normal(x);
-          const double of_wall = wall.basal_friction * q.p[b] + cohesion;
-          const double of_particle = q.p[a] > 0 ? wall.basal_friction * q.p[a] + cohesion : 0;
-          const double ratio = q.p[b] > 0 && of_wall > 0 ? of_particle / of_wall : 0;
-          add_shear_traction(s, ratio * traction(q.deviator(b), n) - tangential(traction(s, n), n), n);
-        } else {
-          const double beta = q.beta.empty() ? 0 : q.beta[a];
-          const double tau = equivalent_stress(s);
-          if constexpr (std::is_same_v<Stress, DirectStress>) {
-            // eta |g| = tau, and the strength is eta max(|g|, g_min).
-            const double g = q.gamma_dot[a];
-            const double strength = g > 0 ? tau / g * std::max(g, stress.gamma_dot_min) : 0;
-            s *= basal_factor(wall.basal_friction, beta, q.p[a], cohesion, strength);
+  constexpr bool limited = std::is_same_v<Damping, BalsaraDamping>;
+  const auto sums =
+      around.list.template sum_over_interior<3>([&](const Cluster& a, std::array<double, 3>& power) {
+        const Vec<Dim, Pack> x = q.position(a);
+        const Vec<Dim, Pack> v = q.velocity(a);
+        const Pack rho = a.load(q.rho);
+        const Sym<Dim, Pack> own = stress_over_density_squared(q.deviator(a), a.load(q.p), rho);
+        Pack limiter;
+        if constexpr (limited) limiter = a.load(q.limiter);
+        Gradient<Dim, Pack> B_a;
+        if constexpr (corrected) B_a = a.load<Gradient<Dim, Pack>>(q.correction);
+        Vec<Dim, Pack> acceleration = broadcast(gravity);
+        Pack damping_power, wall_power;  // over m_a
+        for (const Neighbour n : around.list.interior_of(a)) {
+          const std::size_t b = n.index();
+          const Pair<Dim, Pack> ab = pair_with(q, around, kernel, x, n);
+          const Sym<Dim> other = stress_over_density_squared(q.deviator(b), q.p[b], q.rho[b]);
+          if constexpr (corrected) {
+            add_stress_divergence(acceleration, q.m[b], own, product(B_a, ab.grad_w));
+            add_stress_divergence(acceleration, q.m[b], broadcast(other),
+                                  product(Particles<Dim>::load(q.correction, b), ab.grad_w));
           } else {
-            s *= basal_limit(wall.basal_friction, beta, q.p[a], cohesion, tau);
+            Sym<Dim, Pack> sum = broadcast(other);
+            sum += own;
+            add_stress_divergence(acceleration, q.m[b], sum, ab.grad_w);
+          }
+          if constexpr (damped) {
+            const Vec<Dim, Pack> difference = v - broadcast(q.velocity(b));
+            Pack alpha = damping.alpha;
+            if constexpr (limited) alpha *= 0.5 * (limiter + q.limiter[b]);
+            const Pack viscous =
+                q.m[b] * artificial_viscosity(alpha, c0, kernel.h(), 0.5 * (rho + q.rho[b]), difference, ab);
+            acceleration -= viscous * ab.grad_w;
+            damping_power += 0.5 * viscous * dot(difference, ab.grad_w);
           }
         }
-        sum += stress_over_density_squared(s, q.p[a], q.rho[a]);
-      } else {
-        sum += own;
-        if (smooth) sum = smooth_normals(around.walls, q.position(b), x).without_shear(sum);
-      }
-      Vec<Dim> push;
-      add_stress_divergence(push, q.m[b], sum, corrected ? product(B_a, ab.grad_w) : ab.grad_w);
-      acceleration += push;
-      if (basal && wall_forces.sliders) {
-        const Wall<Dim>& wall = wall_of(q, around, b);
-        power[2] -= q.m[a] * dot(tangential(push, wall.normal(x)), v - wall.velocity_at(q.position(b)));
-      }
-      if (wall_forces.moving)
-        power[1] += q.m[a] * dot(push, wall_of(q, around, b).velocity_at(q.position(b)));
-    }
-    Particles<Dim>::store(q.a, a, acceleration);
-  });
+        for (const Neighbour n : around.list.walls_of(a)) {
+          const std::size_t b = n.index();
+          const Pair<Dim, Pack> ab = pair_with(q, around, kernel, x, n);
+          const Sym<Dim> other = stress_over_density_squared(q.deviator(b), q.p[b], q.rho[b]);
+          const Wall<Dim>& wall = wall_of(q, around, b);
+          const bool basal = wall_forces.basal && !std::isnan(wall.basal_friction);
+          Sym<Dim, Pack> sum = broadcast(other);
+          if (basal || (wall_forces.smooth && !wall.rough)) {
+            for (std::size_t lane = 0; lane < a.count; ++lane) {
+              if (!(ab.f[lane] < 0)) continue;
+              const Sym<Dim> one = stress_beside_wall(q, around, stress, cohesion, wall_forces,
+                                                      a.first + lane, b, lane_of(own, lane), other);
+              for (int k = 0; k < Sym<Dim>::size; ++k) sum[k].set(lane, one[k]);
+            }
+          } else {
+            sum += own;
+          }
+          Vec<Dim, Pack> push;
+          add_stress_divergence(push, q.m[b], sum, corrected ? product(B_a, ab.grad_w) : ab.grad_w);
+          acceleration += push;
+          if (basal && wall_forces.sliders)
+            for (std::size_t lane = 0; lane < a.count; ++lane)
+              power[2] -= q.m[a.first + lane] *
+                          dot(tangential(lane_of(push, lane), wall.normal(q.position(a.first + lane))),
+                              q.velocity(a.first + lane) - wall.velocity_at(q.position(b)));
+          if (wall_forces.moving) wall_power += dot(push, broadcast(wall.velocity_at(q.position(b))));
+        }
+        a.store(q.a, acceleration);
+        const Pack m = a.present() * a.load(q.m);
+        power[0] += (m * damping_power).sum();
+        power[1] += (m * wall_power).sum();
+      });
   return {sums[0], sums[1], sums[2]};
 }
 
@@ -498,16 +572,15 @@ MomentumSums momentum_pass(Particles<Dim>& q, const Surroundings<Dim>& around, c
 template <int Dim, class Kernel>
 void averaging_pass(Particles<Dim>& q, const Surroundings<Dim>& around, const Kernel& kernel,
                     double epsilon) {
-  for_particles(0, q.interior, [&](std::size_t a) {
-    const Vec<Dim> x = q.position(a);
-    const Vec<Dim> v = q.velocity(a);
-    Vec<Dim> sum;
-    for (const std::int32_t i : around.list.interior_of(a)) {
-      const std::size_t b = index(i);
-      add_averaged_velocity(sum, q.m[b], 0.5 * (q.rho[a] + q.rho[b]), q.velocity(b) - v,
-                            weight_of(kernel, around.period, x, q.position(b)));
-    }
-    Particles<Dim>::store(q.averaged, a, epsilon * sum);
+  around.list.for_interior([&](const Cluster& a) {
+    const Vec<Dim, Pack> x = q.position(a);
+    const Vec<Dim, Pack> v = q.velocity(a);
+    const Pack rho = a.load(q.rho);
+    Vec<Dim, Pack> sum;
+    for (const Neighbour b : around.list.interior_of(a))
+      add_averaged_velocity(sum, q.m[b.index()], 0.5 * (rho + q.rho[b.index()]),
+                            broadcast(q.velocity(b.index())) - v, weight_of(q, around, kernel, x, b));
+    a.store(q.averaged, epsilon * sum);
   });
 }
 
@@ -519,18 +592,7 @@ template <int Dim, class Kernel>
 void shifting_pass(const Particles<Dim>& q, const Surroundings<Dim>& around, const Kernel& kernel, double dx,
                    double U_dt, double largest, std::array<Column, static_cast<std::size_t>(Dim)>& shift) {
   const double w_of_dx = kernel(dx).w;
-  for_particles(0, q.interior, [&](std::size_t a) {
-    const Vec<Dim> x = q.position(a);
-    Vec<Dim> concentration;
-    Vec<Dim> lambda_gradient;
-    for (const std::int32_t i : around.list.all_of(a)) {
-      const std::size_t b = index(i);
-      const Pair<Dim> ab = pair_of(kernel, around.period, x, q.position(b));
-      const double volume = q.m[b] / q.rho[b];
-      add_concentration_gradient(concentration, volume, w_of_dx, ab);
-      const double lambda_b = b < q.interior ? q.lambda[b] : 1.0;  // walls are no surface
-      lambda_gradient += (volume * (lambda_b - q.lambda[a])) * ab.grad_w;
-    }
+  const auto shift_of = [&](std::size_t a, const Vec<Dim>& concentration, const Vec<Dim>& lambda_gradient) {
     Vec<Dim> d = (-4 * kernel.h() * U_dt) * concentration;
     if (q.lambda[a] < 0.75) {
       const double size = norm(lambda_gradient);
@@ -543,7 +605,25 @@ void shifting_pass(const Particles<Dim>& q, const Surroundings<Dim>& around, con
     }
     const double length = norm(d);
     if (length > largest) d *= largest / length;
-    Particles<Dim>::store(shift, a, d);
+    return d;
+  };
+  around.list.for_interior([&](const Cluster& a) {
+    const Vec<Dim, Pack> x = q.position(a);
+    const Pack lambda = a.load(q.lambda);
+    Vec<Dim, Pack> concentration;
+    Vec<Dim, Pack> lambda_gradient;
+    for (const Neighbour n : around.list.all_of(a)) {
+      const std::size_t b = n.index();
+      const Pair<Dim, Pack> ab = pair_with(q, around, kernel, x, n);
+      const double volume = q.m[b] / q.rho[b];
+      add_concentration_gradient(concentration, volume, w_of_dx, ab);
+      const double lambda_b = b < q.interior ? q.lambda[b] : 1.0;  // walls are no surface
+      lambda_gradient += (volume * (lambda_b - lambda)) * ab.grad_w;
+    }
+    for (std::size_t lane = 0; lane < a.count; ++lane)
+      Particles<Dim>::store(
+          shift, a.first + lane,
+          shift_of(a.first + lane, lane_of(concentration, lane), lane_of(lambda_gradient, lane)));
   });
 }
 

@@ -25,8 +25,8 @@ struct FlowSetup {
   double step_factor = 1;  ///< on all bounds of Eq. 5.28
   double skin = 0.1;       ///< of the Verlet list, as a fraction of the support
   Vec<Dim> gravity;
-  Geometry<Dim> geometry;         ///< as the case has it, without particles
-  std::vector<Wall<Dim>> walls;   ///< of it, where they are now
+  Geometry<Dim> geometry;        ///< as the case has it, without particles
+  std::vector<Wall<Dim>> walls;  ///< of it, where they are now
   Period<Dim> period;
   double floor_end = 0;  ///< largest x that the floor supports [m]; 0: there is no end
   double initial_phi = 0;

@@ -41,6 +41,7 @@ class Solver final : public Flow {
       wall_forces_.moving = wall_forces_.moving || wall.moves();
     }
     wall_forces_.sliders = wall_forces_.basal && !own_wall_state();
+    wrap_positions();
     sort_particles();
     build_list();
     prepare_boundary();
@@ -339,7 +340,7 @@ class Solver final : public Flow {
   std::string friction_name() const {
     return std::visit([](const auto& law) { return std::string(law.name); }, parts_.friction);
   }
-  Surroundings<Dim> around() const { return {list_, setup_.period, setup_.walls}; }
+  Surroundings<Dim> around() const { return {list_, setup_.walls}; }
   double reference_sound_speed() const { return std::sqrt(setup_.eos.K / setup_.eos.rho0); }
   template <class F>
   decltype(auto) with_kernel(F&& f) const {
@@ -440,13 +441,13 @@ class Solver final : public Flow {
   }
 
   void sum_density() {
-    const std::size_t count = own_wall_state() ? q_.size : q_.interior;
+    const bool walls_too = own_wall_state();
     std::visit(
         [&]<class K, class D>(const K& kernel, const D&) {
-          if constexpr (std::is_same_v<D, Summation>) density_pass(q_, count, around(), kernel, q_.rho);
+          if constexpr (std::is_same_v<D, Summation>) density_pass(q_, walls_too, around(), kernel, q_.rho);
           if constexpr (std::is_same_v<D, SummationShepard>) {
-            density_pass(q_, q_.size, around(), kernel, q_.rho_tilde);
-            shepard_pass(q_, count, around(), kernel);
+            density_pass(q_, true, around(), kernel, q_.rho_tilde);
+            shepard_pass(q_, walls_too, around(), kernel);
           }
         },
         kernel_, parts_.density);
@@ -567,7 +568,7 @@ class Solver final : public Flow {
     return largest > limit2;
   }
   void sort_particles() {
-    const std::vector<std::int32_t> order = spatial_order(q_, 2 * setup_.dx);
+    const std::vector<std::int32_t> order = spatial_order(q_, setup_.dx);
     // Interior particles come first in the order as in the arrays, so an array of interior ones takes its
     // first part.
     const auto permute = [&](auto& values) {

@@ -1,5 +1,5 @@
 // One function per term of the equations: what one pair (a, b), or one particle, contributes. No loops, no
-// arrays.
+// arrays. `Real` is double for one particle a, Pack for the particles of a cluster, each with the same b.
 #pragma once
 
 #include <cmath>
@@ -9,40 +9,42 @@
 namespace dem2sph {
 
 /// A pair as particle a sees it: r = x_a - x_b, grad_a W = r F.
-template <int Dim>
+template <int Dim, class Real = double>
 struct Pair {
-  Vec<Dim> r;
-  double distance = 0;
-  double w = 0;     ///< W
-  Vec<Dim> grad_w;  ///< gradient of W with respect to x_a
-  double f = 0;     ///< F <= 0
+  Vec<Dim, Real> r;
+  Real distance = 0;
+  Real w = 0;             ///< W
+  Vec<Dim, Real> grad_w;  ///< gradient of W with respect to x_a
+  Real f = 0;             ///< F <= 0
 };
 
 /// Eq. 5.21 (given): L_a += (m_b/rho_b) (v_b - v_a) (x) grad_a W.
-template <int Dim>
-[[gnu::always_inline]] inline void add_velocity_gradient(Gradient<Dim>& l, double volume_b,
-                                                         const Vec<Dim>& v_b_minus_v_a,
-                                                         const Pair<Dim>& pair) {
+template <int Dim, class Real>
+[[gnu::always_inline]] inline void add_velocity_gradient(Gradient<Dim, Real>& l, double volume_b,
+                                                         const Vec<Dim, Real>& v_b_minus_v_a,
+                                                         const Pair<Dim, Real>& pair) {
   for (int i = 0; i < Dim; ++i)
     for (int j = 0; j < Dim; ++j) l(i, j) += volume_b * v_b_minus_v_a[i] * pair.grad_w[j];
 }
 
 /// Eq. 5.20 (given; the print lost m_b): a_a += m_b (sigma_a/rho_a^2 + sigma_b/rho_b^2) . grad_a W.
 /// `sum` is the bracket, tension positive.
-template <int Dim>
-[[gnu::always_inline]] inline void add_stress_divergence(Vec<Dim>& acceleration, double m_b,
-                                                         const Sym<Dim>& sum, const Vec<Dim>& grad_w) {
+template <int Dim, class Real>
+[[gnu::always_inline]] inline void add_stress_divergence(Vec<Dim, Real>& acceleration, double m_b,
+                                                         const Sym<Dim, Real>& sum,
+                                                         const Vec<Dim, Real>& grad_w) {
   for (int i = 0; i < Dim; ++i) {
-    double traction = 0;
+    Real traction = 0;
     for (int j = 0; j < Dim; ++j) traction += sum(i, j) * grad_w[j];
     acceleration[i] += m_b * traction;
   }
 }
 
 /// sigma/rho^2 of one particle, with sigma = s - p 1 (Eq. 5.3, reconstructed).
-template <int Dim>
-[[gnu::always_inline]] inline Sym<Dim> stress_over_density_squared(const Sym<Dim>& s, double p, double rho) {
-  Sym<Dim> sigma = s;
+template <int Dim, class Real>
+[[gnu::always_inline]] inline Sym<Dim, Real> stress_over_density_squared(
+    const Sym<Dim, Real>& s, const std::type_identity_t<Real>& p, const std::type_identity_t<Real>& rho) {
+  Sym<Dim, Real> sigma = s;
   for (int i = 0; i < 3; ++i) sigma[i] -= p;
   return sigma *= 1 / (rho * rho);
 }
@@ -50,25 +52,25 @@ template <int Dim>
 /// Density diffusion of Molteni and Colagrossi (2009): the pair's part of d(rho_a)/dt over (delta h c),
 /// 2 (rho_b - rho_a) (-F) m_b/rho_b. Fourtakas et al. (2019) take off what rho_b - rho_a is under hydrostatic
 /// pressure, slope (up_b - up_a), so that a bed at rest does not diffuse: pass that difference instead.
-template <int Dim>
-[[gnu::always_inline]] inline double density_diffusion(double rho_b_minus_rho_a, double volume_b,
-                                                       const Pair<Dim>& pair) {
+template <int Dim, class Real>
+[[gnu::always_inline]] inline Real density_diffusion(const std::type_identity_t<Real>& rho_b_minus_rho_a,
+                                                     double volume_b, const Pair<Dim, Real>& pair) {
   return 2 * rho_b_minus_rho_a * -pair.f * volume_b;
 }
 /// Hydrostatic rho_b - rho_a for a slope d(rho)/d(up); r points from b to a, so b lies -r higher.
-template <int Dim>
-[[gnu::always_inline]] inline double hydrostatic_difference(double slope, const Pair<Dim>& pair) {
+template <int Dim, class Real>
+[[gnu::always_inline]] inline Real hydrostatic_difference(double slope, const Pair<Dim, Real>& pair) {
   return -slope * pair.r[Dim - 1];
 }
 
 /// Artificial viscosity of Monaghan and Gingold (1983): Pi_ab [m^5/(kg s^2)], nonzero where two particles
 /// approach.
-template <int Dim>
-[[gnu::always_inline]] inline double artificial_viscosity(double alpha, double c, double h, double mean_rho,
-                                                          const Vec<Dim>& v_a_minus_v_b,
-                                                          const Pair<Dim>& pair) {
-  const double projected = dot(v_a_minus_v_b, pair.r);
-  const double approach = projected > 0 ? 0 : projected;  // a NaN stays one
+template <int Dim, class Real>
+[[gnu::always_inline]] inline Real artificial_viscosity(const std::type_identity_t<Real>& alpha, double c,
+                                                        double h, const std::type_identity_t<Real>& mean_rho,
+                                                        const Vec<Dim, Real>& v_a_minus_v_b,
+                                                        const Pair<Dim, Real>& pair) {
+  const Real approach = negative(dot(v_a_minus_v_b, pair.r));
   return -alpha * c * h * approach / ((pair.distance * pair.distance + 0.01 * h * h) * mean_rho);
 }
 
@@ -99,28 +101,30 @@ inline double basal_limit(double mu_b, double beta, double p, double cohesion, d
 
 /// Velocity averaging (XSPH, Monaghan 1989): the pair's part of what is added to the velocity of transport,
 /// over epsilon.
-template <int Dim>
-[[gnu::always_inline]] inline void add_averaged_velocity(Vec<Dim>& sum, double m_b, double mean_rho,
-                                                         const Vec<Dim>& v_b_minus_v_a, double w) {
+template <int Dim, class Real>
+[[gnu::always_inline]] inline void add_averaged_velocity(Vec<Dim, Real>& sum, double m_b,
+                                                         const std::type_identity_t<Real>& mean_rho,
+                                                         const Vec<Dim, Real>& v_b_minus_v_a,
+                                                         const std::type_identity_t<Real>& w) {
   for (int i = 0; i < Dim; ++i) sum[i] += m_b / mean_rho * w * v_b_minus_v_a[i];
 }
 
 /// Particle shifting (Sun, Colagrossi, Marrone, Antuono, Zhang 2017, delta-plus-SPH): the pair's part of the
 /// gradient of concentration, with the term (R = 0.2, n = 4) that keeps particles from pairing.
-template <int Dim>
-[[gnu::always_inline]] inline void add_concentration_gradient(Vec<Dim>& sum, double volume_b, double w_of_dx,
-                                                              const Pair<Dim>& pair) {
-  const double ratio = pair.w / w_of_dx;
-  const double square = ratio * ratio;
+template <int Dim, class Real>
+[[gnu::always_inline]] inline void add_concentration_gradient(Vec<Dim, Real>& sum, double volume_b,
+                                                              double w_of_dx, const Pair<Dim, Real>& pair) {
+  const Real ratio = pair.w / w_of_dx;
+  const Real square = ratio * ratio;
   for (int i = 0; i < Dim; ++i) sum[i] += (1 + 0.2 * square * square) * volume_b * pair.grad_w[i];
 }
 
 /// First moment of the kernel's gradient, M_a += (m_b/rho_b) (x_b - x_a) (x) grad_a W: the identity if the
 /// sums were exact. Its inverse corrects gradients (Randles and Libersky 1996, Bonet and Lok 1999); its least
 /// eigenvalue tells the surface from the inside (Marrone et al. 2010). It is symmetric, since grad W = r F.
-template <int Dim>
-[[gnu::always_inline]] inline void add_first_moment(Gradient<Dim>& m, double volume_b,
-                                                    const Pair<Dim>& pair) {
+template <int Dim, class Real>
+[[gnu::always_inline]] inline void add_first_moment(Gradient<Dim, Real>& m, double volume_b,
+                                                    const Pair<Dim, Real>& pair) {
   for (int i = 0; i < Dim; ++i)
     for (int j = 0; j < Dim; ++j) m(i, j) -= volume_b * pair.r[i] * pair.grad_w[j];
 }

@@ -1,4 +1,5 @@
 // Small vectors and symmetric tensors for inner loops: plain numbers, no allocation, no expression templates.
+// `Real` is double, or Pack for several particles at once.
 //
 // A symmetric stress or strain rate has four independent numbers in plane strain (xx, yy, xy and the
 // out-of-plane zz, which is not zero: a bed under its weight presses on the glass panes too) and six in 3D.
@@ -7,15 +8,18 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <type_traits>
+
+#include "sph/base/pack.hpp"
 
 namespace dem2sph {
 
-template <int Dim>
+template <int Dim, class Real = double>
 struct Vec {
   static_assert(Dim >= 1 && Dim <= 3);
-  std::array<double, static_cast<std::size_t>(Dim)> c{};
-  double& operator[](int i) { return c[static_cast<std::size_t>(i)]; }
-  double operator[](int i) const { return c[static_cast<std::size_t>(i)]; }
+  std::array<Real, static_cast<std::size_t>(Dim)> c{};
+  Real& operator[](int i) { return c[static_cast<std::size_t>(i)]; }
+  const Real& operator[](int i) const { return c[static_cast<std::size_t>(i)]; }
   Vec& operator+=(const Vec& o) {
     for (int i = 0; i < Dim; ++i) (*this)[i] += o[i];
     return *this;
@@ -24,72 +28,74 @@ struct Vec {
     for (int i = 0; i < Dim; ++i) (*this)[i] -= o[i];
     return *this;
   }
-  Vec& operator*=(double s) {
+  Vec& operator*=(const Real& s) {
     for (int i = 0; i < Dim; ++i) (*this)[i] *= s;
     return *this;
   }
 };
-template <int Dim>
-Vec<Dim> operator+(Vec<Dim> a, const Vec<Dim>& b) {
+template <int Dim, class Real>
+[[gnu::always_inline]] inline Vec<Dim, Real> operator+(Vec<Dim, Real> a, const Vec<Dim, Real>& b) {
   return a += b;
 }
-template <int Dim>
-Vec<Dim> operator-(Vec<Dim> a, const Vec<Dim>& b) {
+template <int Dim, class Real>
+[[gnu::always_inline]] inline Vec<Dim, Real> operator-(Vec<Dim, Real> a, const Vec<Dim, Real>& b) {
   return a -= b;
 }
-template <int Dim>
-Vec<Dim> operator*(double s, Vec<Dim> a) {
+template <int Dim, class Real>
+[[gnu::always_inline]] inline Vec<Dim, Real> operator*(const std::type_identity_t<Real>& s,
+                                                       Vec<Dim, Real> a) {
   return a *= s;
 }
-template <int Dim>
-double dot(const Vec<Dim>& a, const Vec<Dim>& b) {
-  double sum = 0;
+template <int Dim, class Real>
+[[gnu::always_inline]] inline Real dot(const Vec<Dim, Real>& a, const Vec<Dim, Real>& b) {
+  Real sum = 0;
   for (int i = 0; i < Dim; ++i) sum += a[i] * b[i];
   return sum;
 }
-template <int Dim>
-double norm(const Vec<Dim>& a) {
-  return std::sqrt(dot(a, a));
+template <int Dim, class Real>
+[[gnu::always_inline]] inline Real norm(const Vec<Dim, Real>& a) {
+  using std::sqrt;
+  return sqrt(dot(a, a));
 }
 
 /// Velocity gradient L_ij = d v_i / d x_j [1/s].
-template <int Dim>
+template <int Dim, class Real = double>
 struct Gradient {
-  std::array<double, std::size_t{Dim} * Dim> c{};
-  double& operator()(int i, int j) { return c[static_cast<std::size_t>(i * Dim + j)]; }
-  double operator()(int i, int j) const { return c[static_cast<std::size_t>(i * Dim + j)]; }
-  double trace() const {
-    double sum = 0;
+  std::array<Real, std::size_t{Dim} * Dim> c{};
+  Real& operator()(int i, int j) { return c[static_cast<std::size_t>(i * Dim + j)]; }
+  const Real& operator()(int i, int j) const { return c[static_cast<std::size_t>(i * Dim + j)]; }
+  Real trace() const {
+    Real sum = 0;
     for (int i = 0; i < Dim; ++i) sum += (*this)(i, i);
     return sum;
   }
 };
 
 /// Symmetric tensor, diagonal first (always xx, yy, zz), then xy and, in 3D, xz, yz.
-template <int Dim>
+template <int Dim, class Real = double>
 struct Sym {
   static_assert(Dim == 2 || Dim == 3);
   static constexpr int size = Dim == 2 ? 4 : 6;
-  std::array<double, static_cast<std::size_t>(size)> c{};
-  double& operator[](int k) { return c[static_cast<std::size_t>(k)]; }
-  double operator[](int k) const { return c[static_cast<std::size_t>(k)]; }
+  std::array<Real, static_cast<std::size_t>(size)> c{};
+  Real& operator[](int k) { return c[static_cast<std::size_t>(k)]; }
+  const Real& operator[](int k) const { return c[static_cast<std::size_t>(k)]; }
 
   static constexpr int index(int i, int j) {
     if (i == j) return i;
     return i + j + 2;  // (0,1) -> 3, (0,2) -> 4, (1,2) -> 5
   }
-  double& operator()(int i, int j) { return (*this)[index(i, j)]; }
-  double operator()(int i, int j) const { return (*this)[index(i, j)]; }
+  Real& operator()(int i, int j) { return (*this)[index(i, j)]; }
+  const Real& operator()(int i, int j) const { return (*this)[index(i, j)]; }
 
-  double trace() const { return c[0] + c[1] + c[2]; }
+  Real trace() const { return c[0] + c[1] + c[2]; }
   /// Full contraction a:a; off-diagonal components count twice.
-  double square() const {
-    double sum = c[0] * c[0] + c[1] * c[1] + c[2] * c[2];
+  Real square() const {
+    Real sum = c[0] * c[0] + c[1] * c[1] + c[2] * c[2];
     for (int k = 3; k < size; ++k) sum += 2 * (*this)[k] * (*this)[k];
     return sum;
   }
-  Sym& operator*=(double s) {
-    for (double& v : c) v *= s;
+  Sym& operator*=(const Real& s) {
+    for (Real& v : c) v *= s;
     return *this;
   }
   Sym& operator+=(const Sym& o) {
@@ -97,6 +103,37 @@ struct Sym {
     return *this;
   }
 };
+
+/// The same in every lane.
+template <int Dim>
+[[gnu::always_inline]] inline Vec<Dim, Pack> broadcast(const Vec<Dim>& v) {
+  Vec<Dim, Pack> all;
+  for (int i = 0; i < Dim; ++i) all[i] = v[i];
+  return all;
+}
+template <int Dim>
+[[gnu::always_inline]] inline Sym<Dim, Pack> broadcast(const Sym<Dim>& s) {
+  Sym<Dim, Pack> all;
+  for (int k = 0; k < Sym<Dim>::size; ++k) all[k] = s[k];
+  return all;
+}
+/// What one lane holds.
+template <int Dim>
+[[gnu::always_inline]] inline Vec<Dim> lane_of(const Vec<Dim, Pack>& v, std::size_t lane) {
+  Vec<Dim> one;
+  for (int i = 0; i < Dim; ++i) one[i] = v[i][lane];
+  return one;
+}
+template <int Dim>
+[[gnu::always_inline]] inline Sym<Dim> lane_of(const Sym<Dim, Pack>& s, std::size_t lane) {
+  Sym<Dim> one;
+  for (int k = 0; k < Sym<Dim>::size; ++k) one[k] = s[k][lane];
+  return one;
+}
+template <int Dim>
+[[gnu::always_inline]] inline void set_lane(Vec<Dim, Pack>& v, std::size_t lane, const Vec<Dim>& one) {
+  for (int i = 0; i < Dim; ++i) v[i].set(lane, one[i]);
+}
 
 /// D = sym(L), Eq. 5.2 (reconstructed, standard).
 template <int Dim>

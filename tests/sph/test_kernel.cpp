@@ -34,7 +34,7 @@ void factor_is_derivative() {
   for (double r = 0.03; r < kernel.support(); r += 0.0517) {
     const double e = 1e-5;  // central difference: error about e^2 W''' and rounding 1e-16/e
     const double derivative = (kernel(r + e).w - kernel(r - e).w) / (2 * e);
-    EXPECT_NEAR(kernel(r).f * r, derivative, 1e-7 * std::abs(kernel(0).w) / 0.7) << "r = " << r;
+    EXPECT_NEAR(kernel(r).f * r, derivative, 1e-7 * std::abs(kernel(0.0).w) / 0.7) << "r = " << r;
     EXPECT_LE(kernel(r).f, 0);
   }
 }

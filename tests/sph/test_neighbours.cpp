@@ -2,8 +2,11 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
+#include <numeric>
 #include <random>
 #include <set>
+#include <utility>
 
 #include "sph/base/errors.hpp"
 #include "sph/neighbours.hpp"
@@ -27,29 +30,59 @@ template <int Dim>
 void agrees_with_brute_force(int periodic, PairList::Wanted wanted,
                              unsigned seed) {  // periodic: the first so many
   const double reach = 0.13;
-  const Particles<Dim> q = cloud<Dim>(200, 300, seed);
+  const Particles<Dim> q = cloud<Dim>(201, 302, seed);
   Period<Dim> period;
   for (int k = 0; k < periodic; ++k) period.length[k] = 1;
   PairList list;
   list.build(q, period, reach, wanted);
-  for (std::size_t a = 0; a < q.size; ++a) {
-    std::set<std::int32_t> inside;
-    std::set<std::int32_t> walls;
-    for (std::size_t b = 0; b < q.size; ++b) {
-      if (a == b) continue;
-      Vec<Dim> r = q.position(a) - q.position(b);
-      for (int k = 0; k < periodic; ++k) r[k] -= std::round(r[k]);
-      if (norm(r) < reach) (b < q.interior ? inside : walls).insert(static_cast<std::int32_t>(b));
-    }
-    if (a >= q.interior && !wanted.wall_sees_interior) inside.clear();
-    if (a >= q.interior && !wanted.wall_sees_wall) walls.clear();
-    const auto found_inside = list.interior_of(a);
-    const auto found_walls = list.walls_of(a);
-    ASSERT_TRUE(std::equal(found_inside.begin(), found_inside.end(), inside.begin(), inside.end()))
-        << "particle " << a;
-    ASSERT_TRUE(std::equal(found_walls.begin(), found_walls.end(), walls.begin(), walls.end()))
-        << "particle " << a;
+  std::size_t seen = 0;
+  for (std::size_t k = 0; k < list.clusters(); ++k) {
+    const Cluster a = list.cluster(k);
+    EXPECT_EQ(a.first, seen) << "clusters hold all particles, one after the other";
+    seen += a.count;
+    const bool wall = a.first >= q.interior;
+    EXPECT_LE(a.first + a.count, wall ? q.size : q.interior) << "a cluster is of one kind";
+    // What is near a member in the image that is nearest; a period is over three reaches, so only that one
+    // is.
+    std::set<std::size_t> inside, walls;
+    for (std::size_t b = 0; b < q.size; ++b)
+      for (std::size_t lane = 0; lane < a.count; ++lane) {
+        Vec<Dim> r = q.position(a.first + lane) - q.position(b);
+        for (int i = 0; i < periodic; ++i) r[i] -= std::round(r[i]);
+        if (norm(r) < reach) (b < q.interior ? inside : walls).insert(b);
+      }
+    if (wall && !wanted.wall_sees_interior) inside.clear();
+    if (wall && !wanted.wall_sees_wall) walls.clear();
+    const auto check = [&](PairList::Range range, std::set<std::size_t> expected) {
+      std::set<std::pair<std::size_t, std::size_t>> listed;
+      for (const Neighbour n : range) {
+        EXPECT_TRUE(listed.emplace(n.index(), n.image()).second) << "an image stands here twice";
+        EXPECT_TRUE(expected.contains(n.index())) << "neither lane is near " << n.index();
+        bool near = false;
+        for (std::size_t lane = 0; lane < a.count; ++lane)
+          near =
+              near || norm(q.position(a.first + lane) - q.position(n.index()) - list.shift<Dim>(n)) < reach;
+        EXPECT_TRUE(near) << "the image of " << n.index() << " is that of another period";
+      }
+      // Every near pair is there in the image in which it is near.
+      for (const std::size_t b : expected)
+        for (std::size_t lane = 0; lane < a.count; ++lane) {
+          Vec<Dim> r = q.position(a.first + lane) - q.position(b);
+          for (int i = 0; i < periodic; ++i) r[i] -= std::round(r[i]);
+          if (!(norm(r) < reach)) continue;
+          int found = 0;
+          for (const Neighbour n : range)
+            if (n.index() == b &&
+                norm(q.position(a.first + lane) - q.position(b) - list.shift<Dim>(n)) < reach)
+              ++found;
+          EXPECT_EQ(found, 1) << "pair " << a.first + lane << ", " << b;
+        }
+    };
+    check(list.interior_of(a), inside);
+    check(list.walls_of(a), walls);
+    if (testing::Test::HasFailure()) return;
   }
+  EXPECT_EQ(seen, q.size);
 }
 
 TEST(Neighbours, AgreeWithBruteForce) {
@@ -87,7 +120,31 @@ TEST(Neighbours, AFarFlierDoesNotExhaustMemory) {
   q.x[1][3] = 1e6;
   PairList list;
   list.build(q, Period<2>{}, 0.05, {});
-  EXPECT_EQ(list.all_of(3).begin(), list.all_of(3).end());
+  // Its cluster of four sees it, the others do not.
+  for (std::size_t k = 0; k < list.clusters(); ++k) {
+    bool sees = false;
+    for (const Neighbour n : list.all_of(list.cluster(k))) sees = sees || n.index() == 3;
+    EXPECT_EQ(sees, k == 0);
+  }
+}
+
+TEST(Neighbours, ClustersOfALatticeAreCompact) {
+  // 16 x 16 points, shuffled: along the Morton curve every cluster is a square of 2 x 2.
+  Particles<2> q;
+  q.resize(256, 256);
+  std::vector<std::size_t> place(256);
+  std::iota(place.begin(), place.end(), 0);
+  std::shuffle(place.begin(), place.end(), std::mt19937(1));
+  for (std::size_t i = 0; i < 256; ++i) {
+    q.x[0][i] = 0.1 * static_cast<double>(place[i] % 16);
+    q.x[1][i] = 0.1 * static_cast<double>(place[i] / 16);
+  }
+  const std::vector<std::int32_t> order = spatial_order(q, 0.1);
+  for (std::size_t k = 0; k < 256; k += Pack::width)
+    for (std::size_t lane = 1; lane < Pack::width; ++lane)
+      EXPECT_LT(norm(q.position(static_cast<std::size_t>(order[k])) -
+                     q.position(static_cast<std::size_t>(order[k + lane]))),
+                0.1415);
 }
 
 TEST(Neighbours, SpatialOrderIsAPermutationThatKeepsKindsApart) {

@@ -32,7 +32,7 @@ void correction_is_exact() {
   PairList list;
   const std::vector<Wall<Dim>> walls;
   list.build(q, setup.period, 2 * setup.h, {});
-  const Surroundings<Dim> around{list, setup.period, walls};
+  const Surroundings<Dim> around{list, walls};
   double largest = 0, largest_rate = 0;
   std::size_t corrected = 0;
   std::visit(
@@ -103,11 +103,11 @@ double lattice_error(const LatticeRow& row) {
   const std::vector<Wall<Dim>> walls;
   const double h = row.h * setup.dx;
   list.build(q, setup.period, 2 * h, {});
-  const Surroundings<Dim> around{list, setup.period, walls};
+  const Surroundings<Dim> around{list, walls};
   Column sum(q.size);
   std::visit(
       [&](const auto& kernel) {
-        density_pass(q, q.size, around, kernel, sum);
+        density_pass(q, true, around, kernel, sum);
         gradient_pass(q, around, kernel, Summation{}, WallAdami2012{}, NoCorrection{}, 0.0, 10.0);
       },
       make_kernel<Dim>(row.kernel, h));

@@ -30,7 +30,7 @@ struct Block {
     list.build(q, period, 2.2 * setup.h, {});  // a rigid body keeps its neighbours
   }
   void gradient() {
-    const Surroundings<Dim> around{list, period, walls};
+    const Surroundings<Dim> around{list, walls};
     std::visit(
         [&](const auto& k) {
           moment_pass(q, around, k);

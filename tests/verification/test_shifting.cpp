@@ -24,8 +24,8 @@ double density_spread(const FlowSetup<Dim>& setup) {
   list.build(q, setup.period, 2 * setup.h, {});
   Column sum(q.size);
   const std::vector<Wall<Dim>> walls;
-  const Surroundings<Dim> around{list, setup.period, walls};
-  std::visit([&](const auto& kernel) { density_pass(q, q.size, around, kernel, sum); },
+  const Surroundings<Dim> around{list, walls};
+  std::visit([&](const auto& kernel) { density_pass(q, true, around, kernel, sum); },
              make_kernel<Dim>("wendland_c2", setup.h));
   const double middle = mean(sum);
   double square = 0;
@@ -43,7 +43,7 @@ void shift_alone(FlowSetup<Dim>& setup, int times, F&& each) {
     wrap(setup);
     PairList list;
     list.build(q, setup.period, 2 * setup.h, {});
-    const Surroundings<Dim> around{list, setup.period, walls};
+    const Surroundings<Dim> around{list, walls};
     std::array<Column, static_cast<std::size_t>(Dim)> shifts;
     for (Column& c : shifts) c.assign(q.size, 0.0);
     std::visit(
@@ -151,7 +151,7 @@ TEST(Averaging, BringsVelocitiesTogetherAndKeepsMomentum) {
   PairList list;
   list.build(q, setup.period, 2 * setup.h, {});
   const std::vector<Wall<2>> walls;
-  const Surroundings<2> around{list, setup.period, walls};
+  const Surroundings<2> around{list, walls};
   std::visit([&](const auto& kernel) { averaging_pass(q, around, kernel, 0.5); },
              make_kernel<2>("wendland_c2", setup.h));
   double before = 0, after = 0, momentum = 0, moved = 0;
