@@ -41,10 +41,15 @@ class KernelScale {
   Real q(Real r) const {
     return r * inverse_h_;
   }
-  /// W from its shape, and F from the shape (dW/dq)/q.
+  /// 1 - q/2 within the support, else 0.
   template <class Real>
-  KernelValue<Real> scaled(Real w, Real f) const {
-    return {value_ * w, slope_ * f};
+  Real inside(Real r) const {
+    return positive(1 - r * (0.5 * inverse_h_));
+  }
+  /// W from its shape, and F from `factor` times the shape (dW/dq)/q: what is constant is multiplied once.
+  template <class Real>
+  KernelValue<Real> scaled(Real w, double factor, Real f) const {
+    return {value_ * w, (factor * slope_) * f};
   }
 
  private:
@@ -68,8 +73,8 @@ class CubicSpline : public KernelScale<Dim> {
     const Real inner = positive(1 - q);
     // (outer^2 - 4 inner^2)/q is 4 - 3q inside, so its limit at q = 0 is finite; the tiny term guards 0/0
     // there.
-    return this->scaled(0.25 * outer * outer * outer - inner * inner * inner,
-                        -0.75 * (outer * outer - 4 * inner * inner) / (q + 1e-300));
+    return this->scaled(0.25 * outer * outer * outer - inner * inner * inner, -0.75,
+                        (outer * outer - 4 * inner * inner) / (q + 1e-300));
   }
 };
 
@@ -83,10 +88,10 @@ class WendlandC2 : public KernelScale<Dim> {
   template <class Real>
   [[gnu::always_inline]] KernelValue<Real> operator()(Real r) const {
     const Real q = this->q(r);
-    const Real t = positive(1 - 0.5 * q);
+    const Real t = this->inside(r);
     const Real t2 = t * t;
-    if constexpr (Dim == 1) return this->scaled(t2 * t * (1 + 1.5 * q), -3 * t2);
-    return this->scaled(t2 * t2 * (1 + 2 * q), -5 * t2 * t);
+    if constexpr (Dim == 1) return this->scaled(t2 * t * (1 + 1.5 * q), -3, t2);
+    return this->scaled(t2 * t2 * (1 + 2 * q), -5, t2 * t);
   }
 };
 
@@ -100,10 +105,10 @@ class WendlandC4 : public KernelScale<Dim> {
   template <class Real>
   [[gnu::always_inline]] KernelValue<Real> operator()(Real r) const {
     const Real q = this->q(r);
-    const Real t = positive(1 - 0.5 * q);
+    const Real t = this->inside(r);
     const Real t4 = t * t * t * t;
-    if constexpr (Dim == 1) return this->scaled(t4 * t * (1 + 2.5 * q + 2 * q * q), -3.5 * t4 * (1 + 2 * q));
-    return this->scaled(t4 * t * t * (1 + 3 * q + 35.0 / 12 * q * q), -14.0 / 3 * t4 * t * (1 + 2.5 * q));
+    if constexpr (Dim == 1) return this->scaled(t4 * t * (1 + 2.5 * q + 2 * q * q), -3.5, t4 * (1 + 2 * q));
+    return this->scaled(t4 * t * t * (1 + 3 * q + 35.0 / 12 * q * q), -14.0 / 3, t4 * t * (1 + 2.5 * q));
   }
 };
 

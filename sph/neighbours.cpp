@@ -16,13 +16,13 @@ namespace {
 template <int Dim>
 struct Grid {
   Vec<Dim> low;
-  Vec<Dim> inverse_cell;
+  Vec<Dim> cell, inverse_cell;  ///< extent of a cell and its inverse; 0 where there is no extent
   std::array<long, 3> cells{1, 1, 1};
   std::array<bool, 3> periodic{false, false, false};
 
   /// Far fliers must not make the grid larger than memory: with more than `most` cells in all, or along one
   /// axis, they are wider than asked.
-  Grid(const Particles<Dim>& particles, const Period<Dim>& period, double cell, double most) {
+  Grid(const Particles<Dim>& particles, const Period<Dim>& period, double wanted, double most) {
     std::array<double, 3> length{}, count{1, 1, 1};
     for (int k = 0; k < Dim; ++k) {
       const std::vector<double>& x = particles.x[static_cast<std::size_t>(k)];
@@ -39,7 +39,7 @@ struct Grid {
       periodic[axis] = std::isfinite(period.length[k]);
       low[k] = periodic[axis] ? 0 : lowest;
       length[axis] = periodic[axis] ? period.length[k] : highest - lowest;
-      count[axis] = std::max(1.0, std::floor(length[axis] / cell));
+      count[axis] = std::max(1.0, std::floor(length[axis] / wanted));
     }
     while (count[0] * count[1] * count[2] > most) {
       double& longest = *std::max_element(count.begin(), count.end());
@@ -47,6 +47,7 @@ struct Grid {
     }
     for (std::size_t k = 0; k < Dim; ++k) {
       cells[k] = static_cast<long>(count[k]);
+      cell.c[k] = length[k] / count[k];
       inverse_cell.c[k] = length[k] > 0 ? count[k] / length[k] : 0;
     }
   }
@@ -83,7 +84,8 @@ struct Binned {
     }
     std::partial_sum(first.begin(), first.end(), first.begin());
     std::vector<std::size_t> fill(first.begin(), first.end() - 1);
-    for (auto& values : x) values.resize(end - begin);
+    // A Pack may be read at the last one.
+    for (auto& values : x) values.resize(end - begin + Pack::width);
     for (std::size_t i = begin; i < end; ++i) {
       const std::size_t k = fill[cell[i - begin]]++;
       member[k] = static_cast<std::int32_t>(i);
@@ -126,41 +128,77 @@ void PairList::build(const Particles<Dim>& particles, const Period<Dim>& period,
   const Binned<Dim> interior(grid, particles, 0, interior_), walls(grid, particles, interior_, size_);
   const double reach2 = reach * reach;
 
-  // Calls take(neighbour) for every particle of `of` that is near a member of the cluster.
-  const auto search = [&](const Cluster& cluster, const Binned<Dim>& of, auto&& take) {
+  // Appends every particle of `of` that is near a member of the cluster to the first `count` of `found`. A
+  // row of cells along the first axis is one stretch of memory, which is looked through Pack::width particles
+  // at a time.
+  const auto search = [&](const Cluster& cluster, const Binned<Dim>& of, std::vector<Neighbour>& found,
+                          std::size_t& count) {
+    if (of.member.empty()) return;
     const Vec<Dim, Pack> x = particles.position(cluster);
+    Vec<Dim> low, high;
     std::array<Span, 3> span;
     for (std::size_t k = 0; k < Dim; ++k) {
-      double low = x.c[k][0], high = low;
+      low.c[k] = high.c[k] = x.c[k][0];
       for (std::size_t lane = 1; lane < Pack::width; ++lane)
-        low = std::min(low, x.c[k][lane]), high = std::max(high, x.c[k][lane]);
-      span[k] = {grid.along(k, low - reach), grid.along(k, high + reach)};
+        low.c[k] = std::min(low.c[k], x.c[k][lane]), high.c[k] = std::max(high.c[k], x.c[k][lane]);
+      span[k] = {grid.along(k, low.c[k] - reach), grid.along(k, high.c[k] + reach)};
       if (!grid.periodic[k])
         span[k] = {std::clamp(span[k].low, 0L, grid.cells[k] - 1),
                    std::clamp(span[k].high, 0L, grid.cells[k] - 1)};
     }
+    const auto row = [&](std::size_t first, std::size_t last, std::size_t image) {
+      if (found.size() < count + (last - first) + 1) found.resize(2 * (count + (last - first) + 1));
+      for (std::size_t n = first; n < last; n += Pack::width) {
+        Vec<Dim, Pack> there;
+        for (std::size_t k = 0; k < Dim; ++k) there.c[k] = Pack::load(&of.x[k][n]) + shifts_[image][k];
+        Pack nearest = std::numeric_limits<double>::infinity();
+        for (std::size_t lane = 0; lane < cluster.count; ++lane) {
+          const Vec<Dim, Pack> r = there - broadcast(lane_of(x, lane));
+          const Pack square = dot(r, r);
+          nearest = select(square < nearest, square, nearest);
+        }
+        const Mask near = nearest < Pack(reach2);
+        // Written in any case and kept if near: a branch here would be foretold wrongly half of the time.
+        for (std::size_t k = 0; k < std::min(Pack::width, last - n); ++k) {
+          found[count] = Neighbour(static_cast<std::size_t>(of.member[n + k]), image);
+          count += near[k] ? 1 : 0;
+        }
+      }
+    };
     std::array<long, 3> c{};
     for (c[2] = span[2].low; c[2] <= span[2].high; ++c[2])
-      for (c[1] = span[1].low; c[1] <= span[1].high; ++c[1])
-        for (c[0] = span[0].low; c[0] <= span[0].high; ++c[0]) {
-          std::array<long, 3> wrapped = c;
-          std::size_t image = 0;
-          for (std::size_t k = 3; k-- > 0;) {
-            std::size_t code = 1;
-            if (grid.periodic[k] && wrapped[k] < 0) wrapped[k] += grid.cells[k], code = 0;
-            if (grid.periodic[k] && wrapped[k] >= grid.cells[k]) wrapped[k] -= grid.cells[k], code = 2;
-            image = 3 * image + code;
-          }
-          const std::size_t cell = grid.index(wrapped);
-          for (std::size_t n = of.first[cell]; n < of.first[cell + 1]; ++n) {
-            Pack square = 0;
-            for (std::size_t k = 0; k < Dim; ++k) {
-              const Pack r = x.c[k] - (of.x[k][n] + shifts_[image][k]);
-              square += r * r;
-            }
-            if ((square < Pack(reach2)).any()) take(Neighbour(static_cast<std::size_t>(of.member[n]), image));
-          }
+      for (c[1] = span[1].low; c[1] <= span[1].high; ++c[1]) {
+        // How far the row is from the box around the cluster, across its own axis: the farther, the less of
+        // it.
+        double across = 0;
+        for (std::size_t k = 1; k < Dim; ++k) {
+          const double begin = grid.low.c[k] + static_cast<double>(c[k]) * grid.cell.c[k];
+          // The outermost cells of an axis that is not periodic hold what rounding puts beyond them, too.
+          const double beyond = positive(begin - high.c[k]) + positive(low.c[k] - begin - grid.cell.c[k]);
+          across += beyond * beyond;
         }
+        if (!(across < reach2)) continue;
+        const double along = std::sqrt(reach2 - across) + 1e-9 * reach;
+        std::array<long, 3> wrapped = c;
+        std::array<std::size_t, 3> code{1, 1, 1};
+        for (std::size_t k = 1; k < 3; ++k) {
+          if (grid.periodic[k] && c[k] < 0) wrapped[k] += grid.cells[k], code[k] = 0;
+          if (grid.periodic[k] && c[k] >= grid.cells[k]) wrapped[k] -= grid.cells[k], code[k] = 2;
+        }
+        const Span row_span{std::max(span[0].low, grid.along(0, low[0] - along)),
+                            std::min(span[0].high, grid.along(0, high[0] + along))};
+        for (code[0] = grid.periodic[0] ? 0 : 1; code[0] < (grid.periodic[0] ? 3U : 2U); ++code[0]) {
+          // The part of the row that lies in this image.
+          const long shift = (static_cast<long>(code[0]) - 1) * grid.cells[0];
+          const long first = std::max(row_span.low, shift),
+                     last = std::min(row_span.high, shift + grid.cells[0] - 1);
+          if (first > last) continue;
+          wrapped[0] = first - shift;
+          const std::size_t cell = grid.index(wrapped);
+          row(of.first[cell], of.first[cell + static_cast<std::size_t>(last - first) + 1],
+              code[0] + 3 * code[1] + 9 * code[2]);
+        }
+      }
   };
 
   // Each thread lists a block of clusters; the blocks are joined in order.
@@ -170,18 +208,30 @@ void PairList::build(const Particles<Dim>& particles, const Period<Dim>& period,
   start_.assign(all + 1, 0);
   split_.assign(all, 0);
   std::vector<std::vector<Neighbour>> parts(blocks);
-#pragma omp parallel for schedule(dynamic)
-  for (std::size_t b = 0; b < blocks; ++b) {
-    std::vector<Neighbour>& part = parts[b];
-    for (std::size_t k = b * block; k < std::min(all, (b + 1) * block); ++k) {
-      const Cluster a = cluster(k);
-      const bool wall = a.first >= interior_;
-      const std::size_t before = part.size();
-      const auto take = [&](Neighbour n) { part.push_back(n); };
-      if (!wall || wanted.wall_sees_interior) search(a, interior, take);
-      split_[k] = part.size() - before;
-      if (!wall || wanted.wall_sees_wall) search(a, walls, take);
-      start_[k + 1] = part.size() - before;
+#pragma omp parallel
+  {
+    std::vector<Neighbour> found;
+#pragma omp for schedule(dynamic)
+    for (std::size_t b = 0; b < blocks; ++b) {
+      std::size_t count = 0;
+      for (std::size_t k = b * block; k < std::min(all, (b + 1) * block); ++k) {
+        const Cluster a = cluster(k);
+        const bool wall = a.first >= interior_;
+        const std::size_t before = count;
+        const auto group_images = [&](std::size_t from) {
+          const auto image = [](Neighbour l, Neighbour r) { return l.image() < r.image(); };
+          const auto first = found.begin() + static_cast<std::ptrdiff_t>(from),
+                     last = found.begin() + static_cast<std::ptrdiff_t>(count);
+          if (!std::is_sorted(first, last, image)) std::stable_sort(first, last, image);
+        };
+        if (!wall || wanted.wall_sees_interior) search(a, interior, found, count);
+        group_images(before);
+        split_[k] = count - before;
+        if (!wall || wanted.wall_sees_wall) search(a, walls, found, count);
+        group_images(before + split_[k]);
+        start_[k + 1] = count - before;
+      }
+      parts[b].assign(found.begin(), found.begin() + static_cast<std::ptrdiff_t>(count));
     }
   }
   std::partial_sum(start_.begin(), start_.end(), start_.begin());
@@ -195,22 +245,27 @@ void PairList::build(const Particles<Dim>& particles, const Period<Dim>& period,
 
 template <int Dim>
 std::vector<std::int32_t> spatial_order(const Particles<Dim>& particles, double cell) {
-  constexpr int bits = Dim == 2 ? 30 : 20;
-  const Grid<Dim> grid(particles, Period<Dim>{}, cell, 1L << bits);  // so that each axis has no more
-  std::vector<std::pair<std::uint64_t, std::int32_t>> keys(particles.size);
-  for (std::size_t i = 0; i < particles.size; ++i) {
-    const std::array<long, 3> c = grid.place(particles, i);
-    std::uint64_t key = 0;
-    for (int bit = bits; bit-- > 0;)
-      for (std::size_t k = 0; k < Dim; ++k)
-        key = key << 1U | (static_cast<std::uint64_t>(c[k]) >> static_cast<unsigned>(bit) & 1U);
-    keys[i] = {key, static_cast<std::int32_t>(i)};
+  constexpr int bits = Dim == 2 ? 31 : 21;
+  std::vector<std::uint64_t> key(particles.size, 0);
+  for (std::size_t k = 0; k < Dim; ++k) {
+    const std::vector<double>& x = particles.x[k];
+    // Half a cell before the first: particles of a lattice lie in the middle of their cells.
+    const double low = x.empty() ? 0 : *std::min_element(x.begin(), x.end()) - 0.5 * cell;
+    for (std::size_t i = 0; i < particles.size; ++i) {
+      const auto at =
+          static_cast<std::uint64_t>(std::clamp((x[i] - low) / cell, 0.0, std::ldexp(1.0, bits) - 1));
+      for (unsigned bit = 0; bit < bits; ++bit) key[i] |= (at >> bit & 1U) << (Dim * bit + k);
+    }
   }
-  const auto middle = keys.begin() + static_cast<std::ptrdiff_t>(particles.interior);
-  std::sort(keys.begin(), middle);
-  std::sort(middle, keys.end());
   std::vector<std::int32_t> order(particles.size);
-  std::transform(keys.begin(), keys.end(), order.begin(), [](const auto& key) { return key.second; });
+  std::iota(order.begin(), order.end(), 0);
+  const auto by_key = [&](std::int32_t a, std::int32_t b) {
+    const std::uint64_t left = key[static_cast<std::size_t>(a)], right = key[static_cast<std::size_t>(b)];
+    return left != right ? left < right : a < b;
+  };
+  const auto middle = order.begin() + static_cast<std::ptrdiff_t>(particles.interior);
+  std::sort(order.begin(), middle, by_key);
+  std::sort(middle, order.end(), by_key);
   return order;
 }
 

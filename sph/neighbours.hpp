@@ -67,6 +67,7 @@ class PairList {
   };
   Range interior_of(const Cluster& a) const { return {at(start_[a.list]), at(split_[a.list])}; }
   Range walls_of(const Cluster& a) const { return {at(split_[a.list]), at(start_[a.list + 1])}; }
+  bool sees_interior(const Cluster& a) const { return split_[a.list] > start_[a.list]; }
   Range all_of(const Cluster& a) const { return {at(start_[a.list]), at(start_[a.list + 1])}; }
   /// What to add to the position of a neighbour to get the image that is near.
   template <int Dim>
@@ -74,6 +75,17 @@ class PairList {
     Vec<Dim> value;
     for (int k = 0; k < Dim; ++k) value[k] = shifts_[b.image()][static_cast<std::size_t>(k)];
     return value;
+  }
+  /// Calls f(b, x) for the neighbours of a range: b is the index of one, x the cluster's position `x_a` as
+  /// its image sees it. Neighbours of one image stand together, so that the shift is made once.
+  template <int Dim, class F>
+  [[gnu::always_inline]] void for_each(Range range, const Vec<Dim, Pack>& x_a, F&& f) const {
+    for (const Neighbour* n = range.first; n != range.last;) {
+      const std::size_t image = n->image();
+      const Vec<Dim, Pack> x = x_a - broadcast(shift<Dim>(*n));
+      do f(n->index(), x);
+      while (++n != range.last && n->image() == image);
+    }
   }
 
   std::size_t clusters() const { return split_.size(); }

@@ -71,7 +71,12 @@ struct Particles {
   Column p;                   ///< pressure, compression positive [Pa]
   Columns<Sym<Dim>::size> s;  ///< deviatoric stress [Pa]
   Column gamma_dot;           ///< shear rate that flows [1/s]
-  Columns<square> l;          ///< velocity gradient L_ij [1/s], of all that have a stress of their own
+  /// Velocity gradient L_ij [1/s], of all that have a stress of their own, from Eq. 5.21 until that stress is
+  /// known. Then `bracket` stands in its place, so that a particle needs room for one of them.
+  Columns<square> l;
+
+  // What the passes over pairs read, so that no pair divides.
+  Column volume;  ///< m/rho [m^3]
 
   // What only some parts need.
   Column rho_tilde;            ///< density before the Shepard filter, Eq. 5.17 [kg/m^3]
@@ -95,8 +100,9 @@ struct Particles {
     for (Column& c : x) c.resize(total, 0.0);
     for (Column& c : v) c.resize(total, 0.0);
     for (Column& c : a) c.resize(interior, 0.0);
-    for (Column* c : {&m, &rho, &p, &gamma_dot}) c->resize(total, 0.0);
+    for (Column* c : {&m, &rho, &p, &gamma_dot, &volume}) c->resize(total, 0.0);
     for (Column& c : s) c.resize(total, 0.0);
+    for (Column& c : l) c.resize(total, 0.0);
     id.resize(total, 0);
     wall.resize(total, -1);
   }
@@ -116,6 +122,7 @@ struct Particles {
     each("s", "Pa", s);
     f("gamma_dot", "1/s", gamma_dot);
     each("l", "1/s", l);
+    f("volume", "m^3", volume);
     f("rho_tilde", "kg/m^3", rho_tilde);
     f("rho_rate", "kg/m^3/s", rho_rate);
     f("rho0", "kg/m^3", rho0);
@@ -154,6 +161,20 @@ struct Particles {
     Sym<Dim> value;
     for (std::size_t k = 0; k < Sym<Dim>::size; ++k) value.c[k] = s[k][i];
     return value;
+  }
+  /// sigma/rho^2 of Eq. 5.20, tension positive [m^5/(kg s^2)].
+  Sym<Dim> bracket(std::size_t i) const {
+    Sym<Dim> value;
+    for (std::size_t k = 0; k < Sym<Dim>::size; ++k) value.c[k] = l[k][i];
+    return value;
+  }
+  Sym<Dim, Pack> bracket(const Cluster& of) const {
+    Sym<Dim, Pack> value;
+    for (std::size_t k = 0; k < Sym<Dim>::size; ++k) value.c[k] = of.load(l[k]);
+    return value;
+  }
+  void set_bracket(std::size_t i, const Sym<Dim>& value) {
+    for (std::size_t k = 0; k < Sym<Dim>::size; ++k) l[k][i] = value.c[k];
   }
   void set_deviator(std::size_t i, const Sym<Dim>& value) {
     for (std::size_t k = 0; k < Sym<Dim>::size; ++k) s[k][i] = value.c[k];

@@ -38,23 +38,16 @@ template <int Dim, class Real, class Kernel>
   ab.grad_w = k.f * ab.r;
   return ab;
 }
-/// The position of the image of a neighbour that is near.
-template <int Dim>
-[[gnu::always_inline]] inline Vec<Dim> image_of(const Particles<Dim>& q, const Surroundings<Dim>& around,
-                                                Neighbour b) {
-  return q.position(b.index()) + around.list.template shift<Dim>(b);
-}
 template <int Dim, class Kernel>
-[[gnu::always_inline]] inline Pair<Dim, Pack> pair_with(const Particles<Dim>& q,
-                                                        const Surroundings<Dim>& around, const Kernel& kernel,
-                                                        const Vec<Dim, Pack>& x_a, Neighbour b) {
-  return pair_of(kernel, x_a, broadcast(image_of(q, around, b)));
+[[gnu::always_inline]] inline Pair<Dim, Pack> pair_with(const Particles<Dim>& q, const Kernel& kernel,
+                                                        const Vec<Dim, Pack>& x_a, std::size_t b) {
+  return pair_of(kernel, x_a, broadcast(q.position(b)));
 }
 /// Only the kernel's value: density and extrapolation need no gradient.
 template <int Dim, class Kernel>
-[[gnu::always_inline]] inline Pack weight_of(const Particles<Dim>& q, const Surroundings<Dim>& around,
-                                             const Kernel& kernel, const Vec<Dim, Pack>& x_a, Neighbour b) {
-  return kernel(norm(x_a - broadcast(image_of(q, around, b)))).w;
+[[gnu::always_inline]] inline Pack weight_of(const Particles<Dim>& q, const Kernel& kernel,
+                                             const Vec<Dim, Pack>& x_a, std::size_t b) {
+  return kernel(norm(x_a - broadcast(q.position(b)))).w;
 }
 template <int Dim>
 const Wall<Dim>& wall_of(const Particles<Dim>& q, const Surroundings<Dim>& around, std::size_t w) {
@@ -68,10 +61,12 @@ template <int Dim, class Kernel>
 void density_pass(const Particles<Dim>& q, bool walls_too, const Surroundings<Dim>& around,
                   const Kernel& kernel, Column& sum) {
   const auto pass = [&](const Cluster& a) {
-    const Vec<Dim, Pack> x = q.position(a);
     Pack rho;
-    for (const Neighbour b : around.list.all_of(a))
-      rho += q.m[b.index()] * weight_of(q, around, kernel, x, b);
+    around.list.for_each(
+        around.list.all_of(a),
+        q.position(a), [&](std::size_t b, const Vec<Dim, Pack>& x) __attribute__((always_inline)) {
+          rho += q.m[b] * weight_of(q, kernel, x, b);
+        });
     a.store(sum, rho);
   };
   walls_too ? around.list.for_all(pass) : around.list.for_interior(pass);
@@ -80,10 +75,12 @@ void density_pass(const Particles<Dim>& q, bool walls_too, const Surroundings<Di
 template <int Dim, class Kernel>
 void shepard_pass(Particles<Dim>& q, bool walls_too, const Surroundings<Dim>& around, const Kernel& kernel) {
   const auto pass = [&](const Cluster& a) {
-    const Vec<Dim, Pack> x = q.position(a);
     Pack sum;
-    for (const Neighbour b : around.list.all_of(a))
-      sum += q.m[b.index()] / q.rho_tilde[b.index()] * weight_of(q, around, kernel, x, b);
+    around.list.for_each(
+        around.list.all_of(a),
+        q.position(a), [&](std::size_t b, const Vec<Dim, Pack>& x) __attribute__((always_inline)) {
+          sum += q.m[b] / q.rho_tilde[b] * weight_of(q, kernel, x, b);
+        });
     a.store(q.rho, a.load(q.rho_tilde) / sum);
   };
   walls_too ? around.list.for_all(pass) : around.list.for_interior(pass);
@@ -107,10 +104,12 @@ void moment_pass(Particles<Dim>& q, const Surroundings<Dim>& around, const Kerne
   const bool inverse = !q.correction[0].empty();
   const bool eigenvalue = !q.lambda.empty();
   around.list.for_interior([&](const Cluster& a) {
-    const Vec<Dim, Pack> x = q.position(a);
     Gradient<Dim, Pack> m;
-    for (const Neighbour b : around.list.all_of(a))
-      add_first_moment(m, q.m[b.index()] / q.rho[b.index()], pair_with(q, around, kernel, x, b));
+    around.list.for_each(
+        around.list.all_of(a),
+        q.position(a), [&](std::size_t b, const Vec<Dim, Pack>& x) __attribute__((always_inline)) {
+          add_first_moment(m, q.volume[b], pair_with(q, kernel, x, b));
+        });
     for (std::size_t lane = 0; lane < a.count; ++lane) {
       Gradient<Dim> of_one;
       for (std::size_t k = 0; k < of_one.c.size(); ++k) of_one.c[k] = m.c[k][lane];
@@ -153,6 +152,19 @@ Vec<Dim> seen_wall_velocity(const Particles<Dim>& q, const Surroundings<Dim>& ar
   return v + dot(seen - v, n) * n;
 }
 
+/// Volumes m/rho of all particles, for the passes that follow.
+template <int Dim>
+void volume_pass(Particles<Dim>& q) {
+  for_particles(0, q.size, [&](std::size_t i) { q.volume[i] = q.m[i] / q.rho[i]; });
+}
+/// sigma/rho^2 of all particles, for the momentum pass.
+template <int Dim>
+void bracket_pass(Particles<Dim>& q) {
+  for_particles(0, q.size, [&](std::size_t i) {
+    q.set_bracket(i, stress_over_density_squared(q.deviator(i), q.p[i], q.rho[i]));
+  });
+}
+
 /// Eq. 5.21 (given) for all that have a stress of their own: into l; and d(rho)/dt, where a continuity
 /// equation wants it, into rho_rate. `hydrostatic_slope` is d(rho)/d(up) under gravity, `c0` the speed of
 /// sound at rho0.
@@ -169,33 +181,30 @@ void gradient_pass(Particles<Dim>& q, const Surroundings<Dim>& around, const Ker
   [[maybe_unused]] const bool own_rho0 = !q.rho0.empty();
   const auto pass = [&](const Cluster& a, auto of_wall) {
     constexpr bool wall = of_wall;
-    const Vec<Dim, Pack> x = q.position(a);
+    const Vec<Dim, Pack> x_a = q.position(a);
     const Vec<Dim, Pack> v = q.velocity(a);
     Gradient<Dim, Pack> l;
     Pack rate;
-    Pack rho_a, excess_a, p_a;
+    Pack rho_a, excess_a, slope_a;
     if constexpr (!is_summed<Density>) rho_a = a.load(q.rho);
     if constexpr (is_diffusive<Density>) {
       excess_a = rho_a;
       if (own_rho0) excess_a -= a.load(q.rho0);  // at equal pressure nothing diffuses
-      if constexpr (hydrostatic) p_a = a.load(q.p);
+      // Nothing is hydrostatic in material that bears no pressure: without this a falling column would gain
+      // some.
+      if constexpr (hydrostatic) slope_a = select(a.load(q.p) > Pack(0), Pack(hydrostatic_slope), Pack(0));
     }
-    const auto add = [&](Neighbour n, const Vec<Dim, Pack>& difference, auto diffuses)
-        __attribute__((always_inline)) {
-      const std::size_t b = n.index();
-      const Pair<Dim, Pack> ab = pair_with(q, around, kernel, x, n);
-      const double volume = q.m[b] / q.rho[b];
+    const auto add = [&](std::size_t b, const Vec<Dim, Pack>& x, const Vec<Dim, Pack>& difference,
+                         auto diffuses) __attribute__((always_inline)) {
+      const Pair<Dim, Pack> ab = pair_with(q, kernel, x, b);
+      const double volume = q.volume[b];
       add_velocity_gradient(l, volume, difference, ab);
       if constexpr (std::is_same_v<Density, ContinuityMonaghan1994>)
         rate -= q.m[b] * dot(difference, ab.grad_w);
       if constexpr (is_diffusive<Density> && diffuses) {
         Pack excess = (own_rho0 ? q.rho[b] - q.rho0[b] : q.rho[b]) - excess_a;
-        // Nothing is hydrostatic in material that bears no pressure: without this a falling column would gain
-        // some.
-        if constexpr (hydrostatic)
-          if (q.p[b] > 0)
-            excess -= select(p_a > Pack(0), hydrostatic_difference(hydrostatic_slope, ab), Pack(0));
-        rate += diffusion * density_diffusion(excess, volume, ab);
+        if constexpr (hydrostatic) excess -= (q.p[b] > 0 ? 1.0 : 0.0) * hydrostatic_difference(slope_a, ab);
+        rate += density_diffusion(excess, diffusion * volume, ab);
       }
     };
     /// What the lanes see of wall particles, or wall particles in the lanes of b.
@@ -208,19 +217,23 @@ void gradient_pass(Particles<Dim>& q, const Surroundings<Dim>& around, const Ker
                         : seen_wall_velocity(q, around, walls.B_max, b, a.first + lane));
       return velocity;
     };
-    for (const Neighbour b : around.list.interior_of(a)) {
-      const Vec<Dim, Pack> v_b = broadcast(q.velocity(b.index()));
-      if constexpr (wall)
-        add(b, v_b - seen(b.index()), std::false_type{});
-      else
-        add(b, v_b - v, std::true_type{});
-    }
-    for (const Neighbour b : around.list.walls_of(a)) {
-      if constexpr (has_own_state<Walls> && !wall)
-        add(b, seen(b.index()) - v, std::false_type{});
-      else
-        add(b, broadcast(q.velocity(b.index())) - v, std::false_type{});
-    }
+    around.list.for_each(
+        around.list.interior_of(a),
+        x_a, [&](std::size_t b, const Vec<Dim, Pack>& x) __attribute__((always_inline)) {
+          const Vec<Dim, Pack> v_b = broadcast(q.velocity(b));
+          if constexpr (wall)
+            add(b, x, v_b - seen(b), std::false_type{});
+          else
+            add(b, x, v_b - v, std::true_type{});
+        });
+    around.list.for_each(
+        around.list.walls_of(a),
+        x_a, [&](std::size_t b, const Vec<Dim, Pack>& x) __attribute__((always_inline)) {
+          if constexpr (has_own_state<Walls> && !wall)
+            add(b, x, seen(b) - v, std::false_type{});
+          else
+            add(b, x, broadcast(q.velocity(b)) - v, std::false_type{});
+        });
     if constexpr (corrected && !wall) {
       // L_a B_a: sum of dv (x) (B grad W), B being symmetric.
       const auto B = a.load<Gradient<Dim, Pack>>(q.correction);
@@ -320,6 +333,8 @@ Normals<Dim> smooth_normals(const std::vector<Wall<Dim>>& walls, const Vec<Dim>&
 }
 
 // ---- walls that are extrapolated (Adami, Hu, Adams 2012)
+/// Walls that no material is near are left as they are.
+///
 /// Velocity that makes the profile vanish, relative to the wall, at its surface; only its normal component at
 /// a smooth wall, and at one with a friction of its own.
 template <int Dim, class Kernel>
@@ -348,14 +363,16 @@ void wall_velocity_pass(Particles<Dim>& q, const Surroundings<Dim>& around, cons
     return seen;
   };
   around.list.for_walls([&](const Cluster& a) {
-    const Vec<Dim, Pack> x = q.position(a);
+    if (!around.list.sees_interior(a)) return;
     Vec<Dim, Pack> mean;
     Pack sum;
-    for (const Neighbour b : around.list.interior_of(a)) {
-      const Pack weight = weight_of(q, around, kernel, x, b);
-      mean += weight * broadcast(q.velocity(b.index()));
-      sum += weight;
-    }
+    around.list.for_each(
+        around.list.interior_of(a),
+        q.position(a), [&](std::size_t b, const Vec<Dim, Pack>& x) __attribute__((always_inline)) {
+          const Pack weight = weight_of(q, kernel, x, b);
+          mean += weight * broadcast(q.velocity(b));
+          sum += weight;
+        });
     for (std::size_t lane = 0; lane < a.count; ++lane)
       Particles<Dim>::store(q.v, a.first + lane, seen_by(a.first + lane, lane_of(mean, lane), sum[lane]));
   });
@@ -425,22 +442,23 @@ void wall_stress_pass(Particles<Dim>& q, const Surroundings<Dim>& around, const 
     }
   };
   around.list.for_walls([&](const Cluster& a) {
-    const Vec<Dim, Pack> x = q.position(a);
+    if (!around.list.sees_interior(a)) return;
     Pack sum, p_sum;
     Vec<Dim, Pack> moment;
     Sym<Dim, Pack> s_sum;
-    for (const Neighbour n : around.list.interior_of(a)) {
-      const std::size_t b = n.index();
-      const Vec<Dim, Pack> r = x - broadcast(image_of(q, around, n));
-      const Pack weight = kernel(norm(r)).w;
-      sum += weight;
-      const Sym<Dim> s = q.deviator(b);
-      for (int k = 0; k < Sym<Dim>::size; ++k) s_sum[k] += weight * s[k];
-      if constexpr (!has_own_state<Walls>) {
-        p_sum += weight * q.p[b];
-        moment += (weight * q.rho[b]) * r;
-      }
-    }
+    around.list.for_each(
+        around.list.interior_of(a),
+        q.position(a), [&](std::size_t b, const Vec<Dim, Pack>& x) __attribute__((always_inline)) {
+          const Vec<Dim, Pack> r = x - broadcast(q.position(b));
+          const Pack weight = kernel(norm(r)).w;
+          sum += weight;
+          const Sym<Dim> s = q.deviator(b);
+          for (int k = 0; k < Sym<Dim>::size; ++k) s_sum[k] += weight * s[k];
+          if constexpr (!has_own_state<Walls>) {
+            p_sum += weight * q.p[b];
+            moment += (weight * q.rho[b]) * r;
+          }
+        });
     for (std::size_t lane = 0; lane < a.count; ++lane)
       set(a.first + lane, sum[lane], p_sum[lane], lane_of(moment, lane), lane_of(s_sum, lane));
   });
@@ -500,69 +518,71 @@ MomentumSums momentum_pass(Particles<Dim>& q, const Surroundings<Dim>& around, c
   constexpr bool limited = std::is_same_v<Damping, BalsaraDamping>;
   const auto sums =
       around.list.template sum_over_interior<3>([&](const Cluster& a, std::array<double, 3>& power) {
-        const Vec<Dim, Pack> x = q.position(a);
+        const Vec<Dim, Pack> x_a = q.position(a);
         const Vec<Dim, Pack> v = q.velocity(a);
         const Pack rho = a.load(q.rho);
-        const Sym<Dim, Pack> own = stress_over_density_squared(q.deviator(a), a.load(q.p), rho);
+        const Sym<Dim, Pack> own = q.bracket(a);
         Pack limiter;
         if constexpr (limited) limiter = a.load(q.limiter);
         Gradient<Dim, Pack> B_a;
         if constexpr (corrected) B_a = a.load<Gradient<Dim, Pack>>(q.correction);
         Vec<Dim, Pack> acceleration = broadcast(gravity);
-        Pack damping_power, wall_power;  // over m_a
-        for (const Neighbour n : around.list.interior_of(a)) {
-          const std::size_t b = n.index();
-          const Pair<Dim, Pack> ab = pair_with(q, around, kernel, x, n);
-          const Sym<Dim> other = stress_over_density_squared(q.deviator(b), q.p[b], q.rho[b]);
-          if constexpr (corrected) {
-            add_stress_divergence(acceleration, q.m[b], own, product(B_a, ab.grad_w));
-            add_stress_divergence(acceleration, q.m[b], broadcast(other),
-                                  product(Particles<Dim>::load(q.correction, b), ab.grad_w));
-          } else {
-            Sym<Dim, Pack> sum = broadcast(other);
-            sum += own;
-            add_stress_divergence(acceleration, q.m[b], sum, ab.grad_w);
-          }
-          if constexpr (damped) {
-            const Vec<Dim, Pack> difference = v - broadcast(q.velocity(b));
-            Pack alpha = damping.alpha;
-            if constexpr (limited) alpha *= 0.5 * (limiter + q.limiter[b]);
-            const Pack viscous =
-                q.m[b] * artificial_viscosity(alpha, c0, kernel.h(), 0.5 * (rho + q.rho[b]), difference, ab);
-            acceleration -= viscous * ab.grad_w;
-            damping_power += 0.5 * viscous * dot(difference, ab.grad_w);
-          }
-        }
-        for (const Neighbour n : around.list.walls_of(a)) {
-          const std::size_t b = n.index();
-          const Pair<Dim, Pack> ab = pair_with(q, around, kernel, x, n);
-          const Sym<Dim> other = stress_over_density_squared(q.deviator(b), q.p[b], q.rho[b]);
-          const Wall<Dim>& wall = wall_of(q, around, b);
-          const bool basal = wall_forces.basal && !std::isnan(wall.basal_friction);
-          Sym<Dim, Pack> sum = broadcast(other);
-          if (basal || (wall_forces.smooth && !wall.rough)) {
-            for (std::size_t lane = 0; lane < a.count; ++lane) {
-              if (!(ab.f[lane] < 0)) continue;
-              const Sym<Dim> one = stress_beside_wall(q, around, stress, cohesion, wall_forces,
-                                                      a.first + lane, b, lane_of(own, lane), other);
-              for (int k = 0; k < Sym<Dim>::size; ++k) sum[k].set(lane, one[k]);
-            }
-          } else {
-            sum += own;
-          }
-          Vec<Dim, Pack> push;
-          add_stress_divergence(push, q.m[b], sum, corrected ? product(B_a, ab.grad_w) : ab.grad_w);
-          acceleration += push;
-          if (basal && wall_forces.sliders)
-            for (std::size_t lane = 0; lane < a.count; ++lane)
-              power[2] -= q.m[a.first + lane] *
-                          dot(tangential(lane_of(push, lane), wall.normal(q.position(a.first + lane))),
-                              q.velocity(a.first + lane) - wall.velocity_at(q.position(b)));
-          if (wall_forces.moving) wall_power += dot(push, broadcast(wall.velocity_at(q.position(b))));
-        }
+        Pack damping_power, wall_power;  // over m_a/2 and m_a
+        around.list.for_each(
+            around.list.interior_of(a),
+            x_a, [&](std::size_t b, const Vec<Dim, Pack>& x) __attribute__((always_inline)) {
+              const Pair<Dim, Pack> ab = pair_with(q, kernel, x, b);
+              const Sym<Dim> other = q.bracket(b);
+              if constexpr (corrected) {
+                add_stress_divergence(acceleration, q.m[b], own, product(B_a, ab.grad_w));
+                add_stress_divergence(acceleration, q.m[b], broadcast(other),
+                                      product(Particles<Dim>::load(q.correction, b), ab.grad_w));
+              } else {
+                Sym<Dim, Pack> sum = broadcast(other);
+                sum += own;
+                add_stress_divergence(acceleration, q.m[b], sum, ab.grad_w);
+              }
+              if constexpr (damped) {
+                const Vec<Dim, Pack> difference = v - broadcast(q.velocity(b));
+                Pack alpha = damping.alpha;
+                if constexpr (limited) alpha *= 0.5 * (limiter + q.limiter[b]);
+                const Pack viscous = q.m[b] * artificial_viscosity(alpha, c0, kernel.h(),
+                                                                   0.5 * (rho + q.rho[b]), difference, ab);
+                acceleration -= viscous * ab.grad_w;
+                damping_power += viscous * (ab.f * dot(difference, ab.r));
+              }
+            });
+        around.list.for_each(
+            around.list.walls_of(a),
+            x_a, [&](std::size_t b, const Vec<Dim, Pack>& x) __attribute__((always_inline)) {
+              const Pair<Dim, Pack> ab = pair_with(q, kernel, x, b);
+              const Sym<Dim> other = q.bracket(b);
+              const Wall<Dim>& wall = wall_of(q, around, b);
+              const bool basal = wall_forces.basal && !std::isnan(wall.basal_friction);
+              Sym<Dim, Pack> sum = broadcast(other);
+              if (basal || (wall_forces.smooth && !wall.rough)) {
+                for (std::size_t lane = 0; lane < a.count; ++lane) {
+                  if (!(ab.f[lane] < 0)) continue;
+                  const Sym<Dim> one = stress_beside_wall(q, around, stress, cohesion, wall_forces,
+                                                          a.first + lane, b, lane_of(own, lane), other);
+                  for (int k = 0; k < Sym<Dim>::size; ++k) sum[k].set(lane, one[k]);
+                }
+              } else {
+                sum += own;
+              }
+              Vec<Dim, Pack> push;
+              add_stress_divergence(push, q.m[b], sum, corrected ? product(B_a, ab.grad_w) : ab.grad_w);
+              acceleration += push;
+              if (basal && wall_forces.sliders)
+                for (std::size_t lane = 0; lane < a.count; ++lane)
+                  power[2] -= q.m[a.first + lane] *
+                              dot(tangential(lane_of(push, lane), wall.normal(q.position(a.first + lane))),
+                                  q.velocity(a.first + lane) - wall.velocity_at(q.position(b)));
+              if (wall_forces.moving) wall_power += dot(push, broadcast(wall.velocity_at(q.position(b))));
+            });
         a.store(q.a, acceleration);
         const Pack m = a.present() * a.load(q.m);
-        power[0] += (m * damping_power).sum();
+        power[0] += 0.5 * (m * damping_power).sum();
         power[1] += (m * wall_power).sum();
       });
   return {sums[0], sums[1], sums[2]};
@@ -573,13 +593,16 @@ template <int Dim, class Kernel>
 void averaging_pass(Particles<Dim>& q, const Surroundings<Dim>& around, const Kernel& kernel,
                     double epsilon) {
   around.list.for_interior([&](const Cluster& a) {
-    const Vec<Dim, Pack> x = q.position(a);
+    const Vec<Dim, Pack> x_a = q.position(a);
     const Vec<Dim, Pack> v = q.velocity(a);
     const Pack rho = a.load(q.rho);
     Vec<Dim, Pack> sum;
-    for (const Neighbour b : around.list.interior_of(a))
-      add_averaged_velocity(sum, q.m[b.index()], 0.5 * (rho + q.rho[b.index()]),
-                            broadcast(q.velocity(b.index())) - v, weight_of(q, around, kernel, x, b));
+    around.list.for_each(
+        around.list.interior_of(a),
+        x_a, [&](std::size_t b, const Vec<Dim, Pack>& x) __attribute__((always_inline)) {
+          add_averaged_velocity(sum, q.m[b], 0.5 * (rho + q.rho[b]), broadcast(q.velocity(b)) - v,
+                                weight_of(q, kernel, x, b));
+        });
     a.store(q.averaged, epsilon * sum);
   });
 }
@@ -608,18 +631,19 @@ void shifting_pass(const Particles<Dim>& q, const Surroundings<Dim>& around, con
     return d;
   };
   around.list.for_interior([&](const Cluster& a) {
-    const Vec<Dim, Pack> x = q.position(a);
+    const Vec<Dim, Pack> x_a = q.position(a);
     const Pack lambda = a.load(q.lambda);
     Vec<Dim, Pack> concentration;
     Vec<Dim, Pack> lambda_gradient;
-    for (const Neighbour n : around.list.all_of(a)) {
-      const std::size_t b = n.index();
-      const Pair<Dim, Pack> ab = pair_with(q, around, kernel, x, n);
-      const double volume = q.m[b] / q.rho[b];
-      add_concentration_gradient(concentration, volume, w_of_dx, ab);
-      const double lambda_b = b < q.interior ? q.lambda[b] : 1.0;  // walls are no surface
-      lambda_gradient += (volume * (lambda_b - lambda)) * ab.grad_w;
-    }
+    around.list.for_each(
+        around.list.all_of(a),
+        x_a, [&](std::size_t b, const Vec<Dim, Pack>& x) __attribute__((always_inline)) {
+          const Pair<Dim, Pack> ab = pair_with(q, kernel, x, b);
+          const double volume = q.volume[b];
+          add_concentration_gradient(concentration, volume, w_of_dx, ab);
+          const double lambda_b = b < q.interior ? q.lambda[b] : 1.0;  // walls are no surface
+          lambda_gradient += (volume * (lambda_b - lambda)) * ab.grad_w;
+        });
     for (std::size_t lane = 0; lane < a.count; ++lane)
       Particles<Dim>::store(
           shift, a.first + lane,

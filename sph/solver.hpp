@@ -351,7 +351,7 @@ class Solver final : public Flow {
   void allocate() {
     const bool own = own_wall_state();
     const std::size_t stressed = own ? q_.size : q_.interior;
-    for (Column& c : q_.l) c.assign(stressed, 0.0);
+
     std::visit(
         [&]<class D>(const D&) {
           if constexpr (std::is_same_v<D, SummationShepard>) q_.rho_tilde.assign(q_.size, 0.0);
@@ -399,6 +399,7 @@ class Solver final : public Flow {
       with_kernel([&](const auto& kernel) { wall_velocity_pass(q_, around(), kernel, wall_forces_); });
     else if (wall_forces_.moving)
       set_wall_velocity();
+    volume_pass(q_);
     if (corrected()) with_kernel([&](const auto& kernel) { moment_pass(q_, around(), kernel); });
     std::visit(
         [&]<class K, class D, class W, class C>(const K& kernel, const D& density, const W& walls,
@@ -429,6 +430,7 @@ class Solver final : public Flow {
                              least_friction(parts_.friction), dt, wall_forces_);
         },
         kernel_, parts_.walls, parts_.stress);
+    bracket_pass(q_);
     const MomentumSums power = std::visit(
         [&](const auto& kernel, const auto& damping, const auto& correction, const auto& stress) {
           return momentum_pass(q_, around(), kernel, damping, correction, stress, setup_.gravity, c0,
@@ -545,6 +547,17 @@ class Solver final : public Flow {
   void build_list() {
     list_.build(q_, setup_.period, reach(), wanted());
     listed_x_ = q_.x;
+    if (own_wall_state()) return;
+    // Walls that no material is near show themselves, without stress, until the next list.
+    list_.for_walls([&](const Cluster& a) {
+      if (list_.sees_interior(a)) return;
+      for (std::size_t w = a.first; w < a.first + a.count; ++w) {
+        Particles<Dim>::store(q_.v, w, wall_of(q_, around(), w).velocity_at(q_.position(w)));
+        q_.p[w] = 0;
+        q_.rho[w] = setup_.eos.density(0);
+        q_.set_deviator(w, S{});
+      }
+    });
   }
   double largest_shift() const { return 0.02 * setup_.dx; }
   /// True once two particles together may have moved by the skin.
@@ -555,7 +568,7 @@ class Solver final : public Flow {
     double largest = 0;
     bool broken = false;
 #pragma omp parallel for schedule(static) reduction(max : largest) reduction(|| : broken)
-    for (std::size_t i = 0; i < q_.size; ++i) {
+    for (std::size_t i = 0; i < (wall_forces_.moving ? q_.size : q_.interior); ++i) {
       double moved = 0;
       for (std::size_t k = 0; k < Dim; ++k) {
         const double step = q_.x[k][i] - listed_x_[k][i];

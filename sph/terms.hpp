@@ -55,11 +55,12 @@ template <int Dim, class Real>
 template <int Dim, class Real>
 [[gnu::always_inline]] inline Real density_diffusion(const std::type_identity_t<Real>& rho_b_minus_rho_a,
                                                      double volume_b, const Pair<Dim, Real>& pair) {
-  return 2 * rho_b_minus_rho_a * -pair.f * volume_b;
+  return (-2 * volume_b) * rho_b_minus_rho_a * pair.f;
 }
 /// Hydrostatic rho_b - rho_a for a slope d(rho)/d(up); r points from b to a, so b lies -r higher.
 template <int Dim, class Real>
-[[gnu::always_inline]] inline Real hydrostatic_difference(double slope, const Pair<Dim, Real>& pair) {
+[[gnu::always_inline]] inline Real hydrostatic_difference(const std::type_identity_t<Real>& slope,
+                                                          const Pair<Dim, Real>& pair) {
   return -slope * pair.r[Dim - 1];
 }
 
@@ -71,7 +72,7 @@ template <int Dim, class Real>
                                                         const Vec<Dim, Real>& v_a_minus_v_b,
                                                         const Pair<Dim, Real>& pair) {
   const Real approach = negative(dot(v_a_minus_v_b, pair.r));
-  return -alpha * c * h * approach / ((pair.distance * pair.distance + 0.01 * h * h) * mean_rho);
+  return (-c * h) * (alpha * approach) / ((pair.distance * pair.distance + 0.01 * h * h) * mean_rho);
 }
 
 /// Eqs. 5.23 and 5.24 (given): the velocity that a boundary particle shows to an interior one, so that the

@@ -16,6 +16,7 @@ namespace dem2sph {
 struct Mask {
   using Register = long long __attribute__((vector_size(4 * sizeof(long long))));
   Register lanes;
+  [[gnu::always_inline]] bool operator[](std::size_t lane) const { return lanes[lane] != 0; }
   [[gnu::always_inline]] friend Mask operator&(Mask a, Mask b) { return {a.lanes & b.lanes}; }
   [[gnu::always_inline]] bool any() const {
 #ifdef __AVX__

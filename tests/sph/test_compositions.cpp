@@ -82,8 +82,8 @@ TEST(Compositions, APartThatIsOffHasNoArrays) {
       names.insert(array.name);
     return names;
   };
-  const std::set<std::string> least{"x", "v",         "a", "m",        "rho", "p",
-                                    "s", "gamma_dot", "l", "listed_x", "id",  "wall"};
+  const std::set<std::string> least{"x",         "v", "a",      "m",        "rho", "p",   "s",
+                                    "gamma_dot", "l", "volume", "listed_x", "id",  "wall"};
   const auto with = [&](const std::set<std::string>& more) {
     std::set<std::string> all = least;
     all.insert(more.begin(), more.end());

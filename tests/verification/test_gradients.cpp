@@ -37,6 +37,7 @@ void correction_is_exact() {
   std::size_t corrected = 0;
   std::visit(
       [&](const auto& kernel) {
+        volume_pass(q);
         moment_pass(q, around, kernel);
         gradient_pass(q, around, kernel, ContinuityFourtakas2019{0}, WallAdami2012{}, BonetLok1999{}, 0.0,
                       10.0);
@@ -108,6 +109,7 @@ double lattice_error(const LatticeRow& row) {
   std::visit(
       [&](const auto& kernel) {
         density_pass(q, true, around, kernel, sum);
+        volume_pass(q);
         gradient_pass(q, around, kernel, Summation{}, WallAdami2012{}, NoCorrection{}, 0.0, 10.0);
       },
       make_kernel<Dim>(row.kernel, h));

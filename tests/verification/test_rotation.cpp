@@ -33,6 +33,7 @@ struct Block {
     const Surroundings<Dim> around{list, walls};
     std::visit(
         [&](const auto& k) {
+          volume_pass(q);
           moment_pass(q, around, k);
           gradient_pass(q, around, k, Summation{}, WallAdami2012{}, BonetLok1999{}, 0.0, 10.0);
         },

@@ -48,6 +48,7 @@ void shift_alone(FlowSetup<Dim>& setup, int times, F&& each) {
     for (Column& c : shifts) c.assign(q.size, 0.0);
     std::visit(
         [&](const auto& kernel) {
+          volume_pass(q);
           moment_pass(q, around, kernel);
           shifting_pass(q, around, kernel, setup.dx, 0.1 * 0.25 * setup.h, 0.02 * setup.dx, shifts);
         },
