@@ -243,29 +243,47 @@ void PairList::build(const Particles<Dim>& particles, const Period<Dim>& period,
               neighbours_.begin() + static_cast<std::ptrdiff_t>(start_[b * block]));
 }
 
+namespace {
+
+/// The bits of a number with Dim - 1 zeros after each: doubled gaps, halved runs.
+template <int Dim>
+std::uint64_t spread(std::uint64_t bits) {
+  if constexpr (Dim == 2) {
+    bits = (bits | bits << 16U) & 0x0000FFFF0000FFFFU;
+    bits = (bits | bits << 8U) & 0x00FF00FF00FF00FFU;
+    bits = (bits | bits << 4U) & 0x0F0F0F0F0F0F0F0FU;
+    bits = (bits | bits << 2U) & 0x3333333333333333U;
+    return (bits | bits << 1U) & 0x5555555555555555U;
+  } else {
+    bits = (bits | bits << 32U) & 0x001F00000000FFFFU;
+    bits = (bits | bits << 16U) & 0x001F0000FF0000FFU;
+    bits = (bits | bits << 8U) & 0x100F00F00F00F00FU;
+    bits = (bits | bits << 4U) & 0x10C30C30C30C30C3U;
+    return (bits | bits << 2U) & 0x1249249249249249U;
+  }
+}
+
+}  // namespace
+
 template <int Dim>
 std::vector<std::int32_t> spatial_order(const Particles<Dim>& particles, double cell) {
-  constexpr int bits = Dim == 2 ? 31 : 21;
-  std::vector<std::uint64_t> key(particles.size, 0);
+  constexpr int bits = Dim == 2 ? 31 : 20;
+  std::vector<std::pair<std::uint64_t, std::int32_t>> keys(particles.size);
+  for (std::size_t i = 0; i < particles.size; ++i) keys[i] = {0, static_cast<std::int32_t>(i)};
   for (std::size_t k = 0; k < Dim; ++k) {
     const std::vector<double>& x = particles.x[k];
     // Half a cell before the first: particles of a lattice lie in the middle of their cells.
     const double low = x.empty() ? 0 : *std::min_element(x.begin(), x.end()) - 0.5 * cell;
     for (std::size_t i = 0; i < particles.size; ++i) {
-      const auto at =
-          static_cast<std::uint64_t>(std::clamp((x[i] - low) / cell, 0.0, std::ldexp(1.0, bits) - 1));
-      for (unsigned bit = 0; bit < bits; ++bit) key[i] |= (at >> bit & 1U) << (Dim * bit + k);
+      const double at = std::clamp((x[i] - low) / cell, 0.0, std::ldexp(1.0, bits) - 1);
+      keys[i].first |= spread<Dim>(static_cast<std::uint64_t>(at)) << k;
     }
   }
+  const auto middle = keys.begin() + static_cast<std::ptrdiff_t>(particles.interior);
+  std::sort(keys.begin(), middle);
+  std::sort(middle, keys.end());
   std::vector<std::int32_t> order(particles.size);
-  std::iota(order.begin(), order.end(), 0);
-  const auto by_key = [&](std::int32_t a, std::int32_t b) {
-    const std::uint64_t left = key[static_cast<std::size_t>(a)], right = key[static_cast<std::size_t>(b)];
-    return left != right ? left < right : a < b;
-  };
-  const auto middle = order.begin() + static_cast<std::ptrdiff_t>(particles.interior);
-  std::sort(order.begin(), middle, by_key);
-  std::sort(middle, order.end(), by_key);
+  std::transform(keys.begin(), keys.end(), order.begin(), [](const auto& key) { return key.second; });
   return order;
 }
 
