@@ -12,69 +12,112 @@
 
 namespace dem2sph {
 
+/// A Pack in registers: one where the CPU has them wide enough, else two.
+struct Lanes {
+  static constexpr std::size_t width = 4;
+#ifdef __AVX__
+  static constexpr std::size_t parts = 1;
+#else
+  static constexpr std::size_t parts = 2;
+#endif
+  static constexpr std::size_t in_part = width / parts;
+  using Numbers = double __attribute__((vector_size(in_part * sizeof(double))));
+  using Bits = long long __attribute__((vector_size(in_part * sizeof(long long))));
+};
+
 /// True or false in each lane.
 struct Mask {
-  using Register = long long __attribute__((vector_size(4 * sizeof(long long))));
-  Register lanes;
-  [[gnu::always_inline]] bool operator[](std::size_t lane) const { return lanes[lane] != 0; }
-  [[gnu::always_inline]] friend Mask operator&(Mask a, Mask b) { return {a.lanes & b.lanes}; }
-  [[gnu::always_inline]] bool any() const {
-#ifdef __AVX__
-    return __builtin_ia32_ptestz256(lanes, lanes) == 0;
-#else
-    return (lanes[0] | lanes[1] | lanes[2] | lanes[3]) != 0;
-#endif
+  Lanes::Bits part[Lanes::parts];
+  [[gnu::always_inline]] bool operator[](std::size_t lane) const {
+    return part[lane / Lanes::in_part][lane % Lanes::in_part] != 0;
   }
 };
 
 class Pack {
  public:
-  static constexpr std::size_t width = 4;
-  using Register = double __attribute__((vector_size(width * sizeof(double))));
+  static constexpr std::size_t width = Lanes::width;
 
-  [[gnu::always_inline]] Pack() : lanes_{} {}
+  [[gnu::always_inline]] Pack() : Pack(0.0) {}
   /// The same number in every lane.
-  [[gnu::always_inline]] Pack(double same) : lanes_{same, same, same, same} {}
-  [[gnu::always_inline]] explicit Pack(Register lanes) : lanes_(lanes) {}
+  [[gnu::always_inline]] Pack(double same) {
+#ifdef __AVX__
+    part_[0] = Lanes::Numbers{same, same, same, same};
+#else
+    part_[0] = part_[1] = Lanes::Numbers{same, same};
+#endif
+  }
   /// Four numbers from memory, wherever they begin.
   [[gnu::always_inline]] static Pack load(const double* from) {
-    Register lanes;
-    std::memcpy(&lanes, from, sizeof lanes);
-    return Pack(lanes);
+    Pack pack;
+    for (std::size_t k = 0; k < Lanes::parts; ++k)
+      std::memcpy(&pack.part_[k], from + k * Lanes::in_part, sizeof(Lanes::Numbers));
+    return pack;
   }
-  [[gnu::always_inline]] void store(double* to) const { std::memcpy(to, &lanes_, sizeof lanes_); }
+  [[gnu::always_inline]] void store(double* to) const {
+    for (std::size_t k = 0; k < Lanes::parts; ++k)
+      std::memcpy(to + k * Lanes::in_part, &part_[k], sizeof(Lanes::Numbers));
+  }
 
-  [[gnu::always_inline]] double operator[](std::size_t lane) const { return lanes_[lane]; }
-  [[gnu::always_inline]] void set(std::size_t lane, double value) { lanes_[lane] = value; }
+  [[gnu::always_inline]] double operator[](std::size_t lane) const {
+    return part_[lane / Lanes::in_part][lane % Lanes::in_part];
+  }
+  [[gnu::always_inline]] void set(std::size_t lane, double value) {
+    part_[lane / Lanes::in_part][lane % Lanes::in_part] = value;
+  }
   /// Lanes in order.
-  [[gnu::always_inline]] double sum() const { return lanes_[0] + lanes_[1] + lanes_[2] + lanes_[3]; }
+  [[gnu::always_inline]] double sum() const {
+    double total = 0;
+    for (std::size_t lane = 0; lane < width; ++lane) total += (*this)[lane];
+    return total;
+  }
 
-  [[gnu::always_inline]] Pack& operator+=(Pack o) { return lanes_ += o.lanes_, *this; }
-  [[gnu::always_inline]] Pack& operator-=(Pack o) { return lanes_ -= o.lanes_, *this; }
-  [[gnu::always_inline]] Pack& operator*=(Pack o) { return lanes_ *= o.lanes_, *this; }
-  [[gnu::always_inline]] friend Pack operator+(Pack a, Pack b) { return Pack(a.lanes_ + b.lanes_); }
-  [[gnu::always_inline]] friend Pack operator-(Pack a, Pack b) { return Pack(a.lanes_ - b.lanes_); }
-  [[gnu::always_inline]] friend Pack operator*(Pack a, Pack b) { return Pack(a.lanes_ * b.lanes_); }
-  [[gnu::always_inline]] friend Pack operator/(Pack a, Pack b) { return Pack(a.lanes_ / b.lanes_); }
-  [[gnu::always_inline]] friend Pack operator-(Pack a) { return Pack(-a.lanes_); }
-  [[gnu::always_inline]] friend Mask operator<(Pack a, Pack b) { return mask(a.lanes_ < b.lanes_); }
-  [[gnu::always_inline]] friend Mask operator>(Pack a, Pack b) { return mask(a.lanes_ > b.lanes_); }
+  [[gnu::always_inline]] friend Pack operator+(Pack a, Pack b) {
+    return each(a, b, [](Lanes::Numbers l, Lanes::Numbers r) { return l + r; });
+  }
+  [[gnu::always_inline]] friend Pack operator-(Pack a, Pack b) {
+    return each(a, b, [](Lanes::Numbers l, Lanes::Numbers r) { return l - r; });
+  }
+  [[gnu::always_inline]] friend Pack operator*(Pack a, Pack b) {
+    return each(a, b, [](Lanes::Numbers l, Lanes::Numbers r) { return l * r; });
+  }
+  [[gnu::always_inline]] friend Pack operator/(Pack a, Pack b) {
+    return each(a, b, [](Lanes::Numbers l, Lanes::Numbers r) { return l / r; });
+  }
+  [[gnu::always_inline]] friend Pack operator-(Pack a) {
+    return each(a, a, [](Lanes::Numbers l, Lanes::Numbers) { return -l; });
+  }
+  [[gnu::always_inline]] Pack& operator+=(Pack o) { return *this = *this + o; }
+  [[gnu::always_inline]] Pack& operator-=(Pack o) { return *this = *this - o; }
+  [[gnu::always_inline]] Pack& operator*=(Pack o) { return *this = *this * o; }
+
+  [[gnu::always_inline]] friend Mask operator<(Pack a, Pack b) {
+    Mask mask;
+    for (std::size_t k = 0; k < Lanes::parts; ++k) mask.part[k] = (Lanes::Bits)(a.part_[k] < b.part_[k]);
+    return mask;
+  }
+  [[gnu::always_inline]] friend Mask operator>(Pack a, Pack b) { return b < a; }
 
   [[gnu::always_inline]] friend Pack select(Mask m, Pack yes, Pack no) {
-    return Pack(m.lanes ? yes.lanes_ : no.lanes_);
+    Pack result;
+    for (std::size_t k = 0; k < Lanes::parts; ++k) result.part_[k] = m.part[k] ? yes.part_[k] : no.part_[k];
+    return result;
   }
   [[gnu::always_inline]] friend Pack sqrt(Pack a) {
-    Register root;
-    for (std::size_t k = 0; k < width; ++k) root[k] = std::sqrt(a.lanes_[k]);
-    return Pack(root);
+    Pack root;
+    for (std::size_t k = 0; k < Lanes::parts; ++k)
+      for (std::size_t lane = 0; lane < Lanes::in_part; ++lane)
+        root.part_[k][lane] = std::sqrt(a.part_[k][lane]);
+    return root;
   }
 
  private:
-  template <class Bits>
-  [[gnu::always_inline]] static Mask mask(Bits bits) {
-    return {(Mask::Register)bits};
+  template <class F>
+  [[gnu::always_inline]] static Pack each(const Pack& a, const Pack& b, F f) {
+    Pack result;
+    for (std::size_t k = 0; k < Lanes::parts; ++k) result.part_[k] = f(a.part_[k], b.part_[k]);
+    return result;
   }
-  Register lanes_;
+  Lanes::Numbers part_[Lanes::parts];
 };
 
 [[gnu::always_inline]] inline double select(bool m, double yes, double no) { return m ? yes : no; }
