@@ -34,12 +34,12 @@ struct Condition {
 struct Core {
   double I = 0, mu = 0, phi = 0;
 };
-/// Means over the particles at least a fifth of the height from both walls, in the second half of the frames:
-/// at constant volume the pressure never comes quite to rest.
+/// Ratios of means, as those of the shear cells are, over the particles at least a fifth of the height from
+/// both walls, in the second half of the frames: at constant volume the pressure never comes quite to rest,
+/// and at high I some particles have none.
 Core core_of(const fs::path& folder, double height, const LawFile& law, bool has_phi) {
   const std::vector<fs::path> frames = frames_of(folder);
-  Core core;
-  double n = 0;
+  double n = 0, sheared = 0, pressed = 0, borne = 0, filled = 0;
   for (std::size_t k = frames.size() / 2; k < frames.size(); ++k) {
     const Frame frame = read_frame(frames[k]);
     const std::vector<double>&x = frame.field("x").values, &kind = frame.field("kind").values,
@@ -49,14 +49,14 @@ Core core_of(const fs::path& folder, double height, const LawFile& law, bool has
     for (std::size_t i = 0; i < kind.size(); ++i) {
       const double z = x[3 * i + up];
       if (kind[i] != 0 || z < 0.2 * height || z > 0.8 * height) continue;
-      core.I += rate[i] * law.d / std::sqrt(p[i] / law.rho_s);
-      core.mu += mu[i];
-      if (has_phi) core.phi += frame.field("phi").values[i];
-      n += 1;
+      n += 1, sheared += rate[i], pressed += p[i], borne += mu[i] * p[i];
+      if (has_phi) filled += frame.field("phi").values[i];
     }
   }
   if (n == 0) throw UsageError(fmt::format("{}: no particle is far enough from both walls", folder.string()));
-  return {core.I / n, core.mu / n, core.phi / n};
+  if (!(pressed > 0))
+    throw NumericalError(fmt::format("{}: the material has lost its pressure", folder.string()));
+  return {sheared / n * law.d / std::sqrt(pressed / n / law.rho_s), borne / pressed, filled / n};
 }
 
 /// The steady points of grains that are gone back to, by driven I.
