@@ -169,6 +169,8 @@ void add_header(Deck& deck, const GrainFlow& flow, const char* what) {
   deck.add("# dem2sph flow of grains, deck version {}: {}. Made from typed values, not meant to be edited.",
            flow_deck_version, what);
   add_settings(deck, fmt::format("{} {} {}", boundary(0), boundary(1), boundary(2)));
+  // Shares of a slab's depth hold as many grains each, wherever the grains flow to; shares of its length don't.
+  if (flow.ranks > 1 && is_periodic(flow.geometry, 1)) deck.add("processors 1 {} 1", flow.ranks);
 }
 
 /// Glued grains do not touch each other.
