@@ -13,6 +13,7 @@
 #include "cases/compare.hpp"
 #include "cases/grains.hpp"
 #include "cases/precision.hpp"
+#include "cases/stability.hpp"
 #include "dem_bridge/grain_flow_run.hpp"
 #include "dem_bridge/sweep.hpp"
 #include "sph/base/errors.hpp"
@@ -120,6 +121,7 @@ CaseFile load_case(const fs::path& path, const std::vector<std::string>& overrid
   tables.push_back(&bridge::grain_flow_table);
   tables.push_back(&compare_table);
   tables.push_back(&precision_table);
+  tables.push_back(&stability_table);
   file.validate(tables);
   return file;
 }

@@ -16,6 +16,8 @@
 #include "cases/left_out.hpp"
 #include "cases/plan_picture.hpp"
 #include "cases/precision.hpp"
+#include "cases/stability.hpp"
+#include "cases/stability_page.hpp"
 #include "dem_bridge/sweep.hpp"
 #include "sph/base/errors.hpp"
 #include "sph/base/frame.hpp"
@@ -321,6 +323,19 @@ ExitCode precision(const Options& options) {
   return ExitCode::ok;
 }
 
+ExitCode stability(const Options& options) {
+  if (options.dry_run) {
+    const std::string text = plan_stability(options.case_file, options);
+    print(options, {{"plan", text}}, text);
+    return ExitCode::ok;
+  }
+  log_to(options.output);
+  const json result = run_stability(options.case_file, options.output, options);
+  print(options, result,
+        describe_stability(result) + fmt::format("{}\n", (options.output / "report.html").string()));
+  return result.at("unexplained").get<int>() > 0 ? ExitCode::bar_missed : ExitCode::ok;
+}
+
 ExitCode run(const Options& options) {
   if (options.dry_run) return plan(options);
   log_to(options.output);
@@ -371,6 +386,7 @@ int program(int argc, char** argv) {
       "  dem2sph dem cases/column_collapse/case.toml -o grains  the same flow with grains\n"
       "  dem2sph compare cases/comparison/collapse.toml --law law.json -o out   both, and how far they "
       "differ\n"
+      "  dem2sph stability cases/stability/case.toml -o out     where the numerics hold, and where not\n"
       "  dem2sph init my_case                                  a commented case to start from\n"
       "  dem2sph run my_case/case.toml -o out                  grains, law, flow, report\n"
       "  dem2sph sweep cases/shear_cell/case.toml -o grains    only the grains\n"
@@ -483,6 +499,9 @@ int program(int argc, char** argv) {
              dry(overrides(writes(takes_case(add(app, "precision", "Error against run time", precision)),
                                   "Folder for everything")))))))
       ->add_option("--law", options.law, "Law file of a fit; without it the case needs a section [law]");
+  forces(shows_progress(parallel(dry(overrides(
+      writes(takes_case(add(app, "stability", "Where the numerics hold: a map of extremes", stability)),
+             "Folder for everything"))))));
   CLI::App* running = add(app, "run", "The whole chain: grains, law, flow, report", run);
   forces(shows_progress(
       threads(parallel(dry(overrides(writes(takes_case(running), "Folder for everything")))))));

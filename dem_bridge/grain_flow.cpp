@@ -169,7 +169,8 @@ void add_header(Deck& deck, const GrainFlow& flow, const char* what) {
   deck.add("# dem2sph flow of grains, deck version {}: {}. Made from typed values, not meant to be edited.",
            flow_deck_version, what);
   add_settings(deck, fmt::format("{} {} {}", boundary(0), boundary(1), boundary(2)));
-  // Shares of a slab's depth hold as many grains each, wherever the grains flow to; shares of its length don't.
+  // Shares of a slab's depth hold as many grains each, wherever the grains flow to; shares of its length
+  // don't.
   if (flow.ranks > 1 && is_periodic(flow.geometry, 1)) deck.add("processors 1 {} 1", flow.ranks);
 }
 
@@ -283,6 +284,10 @@ std::vector<PlacedGrain> place_grains(const GrainFlow& flow) {
   // A body's grains on a cubic lattice of cells that hold the largest, each at a random place in its cell,
   // from the bottom up, wherever there is room.
   mould_of(flow);  // refuses what cannot be packed
+  for (const Body<3>& body : geometry.bodies)
+    if (norm(body.velocity - geometry.bodies.front().velocity) > 0)
+      throw UsageError(fmt::format(
+          "body \"{}\": grains of several bodies settle together and start with one velocity", body.name));
   const double cell = 1.02 * classes.back() * d;
   for (const Body<3>& body : geometry.bodies) {
     const Room room = room_around(body);
@@ -424,6 +429,9 @@ std::string flow_deck(const GrainFlow& flow, const std::string& restart, const s
   const double g = magnitude(flow);
   deck.add("fix weight flow gravity {:.10g} vector {:.10g} {:.10g} {:.10g}", g, flow.gravity[0] / g,
            flow.gravity[1] / g, flow.gravity[2] / g);
+  const Vec<3>& thrown = flow.geometry.bodies.front().velocity;
+  if (dot(thrown, thrown) > 0)
+    deck.add("velocity flow set {:.10g} {:.10g} {:.10g} sum yes units box", thrown[0], thrown[1], thrown[2]);
   deck.add("fix move flow nve/sphere");
   const std::vector<std::size_t> rough = rough_walls(flow.geometry);
   for (std::size_t k = 0; k < rough.size(); ++k) {
@@ -435,6 +443,10 @@ std::string flow_deck(const GrainFlow& flow, const std::string& restart, const s
           w.point[0], w.point[1], w.point[2], std::copysign(1.0, w.omega) * w.direction[0],
           std::copysign(1.0, w.omega) * w.direction[1], std::copysign(1.0, w.omega) * w.direction[2],
           2 * std::numbers::pi / std::abs(w.omega));
+    else if (w.period > 0)  // A sin(2 pi t/period) moves with A 2 pi/period cos(2 pi t/period)
+      deck.add("fix swing{0} wall{0} move wiggle {1:.10g} {2:.10g} {3:.10g} {4:.10g}", k,
+               w.swing[0] * w.period / (2 * std::numbers::pi), w.swing[1] * w.period / (2 * std::numbers::pi),
+               w.swing[2] * w.period / (2 * std::numbers::pi), w.period);
     else if (w.moves())
       deck.add("fix slide{0} wall{0} move linear {1:.10g} {2:.10g} {3:.10g}", k, w.velocity[0], w.velocity[1],
                w.velocity[2]);
@@ -481,7 +493,8 @@ nlohmann::json to_json(const GrainFlow& flow) {
   Sample sample;
   sample.material = flow.material;
   nlohmann::json walls = nlohmann::json::array(), bodies = nlohmann::json::array();
-  for (const Wall<3>& w : flow.geometry.walls)
+  // What few cases have is named only where it is there, so that it does not rename the flows of the others.
+  for (const Wall<3>& w : flow.geometry.walls) {
     walls.push_back({{"name", w.name},
                      {"shape", static_cast<int>(w.shape)},
                      {"inside", w.inside},
@@ -492,12 +505,16 @@ nlohmann::json to_json(const GrainFlow& flow) {
                      {"velocity", list(w.velocity)},
                      {"omega", w.omega},
                      {"rough", w.rough}});
-  for (const Body<3>& b : flow.geometry.bodies)
+    if (w.period > 0) walls.back()["period"] = w.period;
+  }
+  for (const Body<3>& b : flow.geometry.bodies) {
     bodies.push_back({{"name", b.name},
                       {"shape", static_cast<int>(b.shape)},
                       {"low", list(b.low)},
                       {"high", list(b.high)},
                       {"radius", b.radius}});
+    if (dot(b.velocity, b.velocity) > 0) bodies.back()["velocity"] = list(b.velocity);
+  }
   return {{"deck_version", flow_deck_version},
           {"material", to_json(sample).at("material")},
           {"low", list(flow.geometry.low)},

@@ -44,7 +44,9 @@ struct Budgets {
   double beta_limited = 0;   ///< of it, with beta at one of its limits [kg]
   double phi_at_floor = 0;   ///< of it, with phi_eq at the floor where the linear law ends [kg]
   double largest_speed = 0;  ///< [m/s]
-  double mean_speed = 0;     ///< mass-weighted mean of |v| [m/s]
+  double largest_compression = 0;      ///< of rho/rho0
+  double sound_speed = 0;              ///< sqrt(K/rho0) [m/s]
+  double mean_speed = 0;               ///< mass-weighted mean of |v| [m/s]
   std::array<double, 3> wall_force{};  ///< [N] of the walls on the material, from the momentum balance
 
   /// What the budget does not explain, against an earlier state: zero if every term were exact [J].

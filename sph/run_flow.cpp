@@ -27,7 +27,13 @@ using nlohmann::json;
 namespace fs = std::filesystem;
 
 constexpr int samples = 400;             // of the time series over the whole run
-constexpr double checkpoint_every = 60;  // wall seconds
+constexpr double checkpoint_every = 60;  // wall seconds, at most; the first after one, then at twice the time
+
+// What a run says of itself at its end, so that nobody takes a doubtful figure for a good one (README.md).
+constexpr double doubtful_mach = 0.3;     // |v|/c above which flow is no longer slow against sound
+constexpr double doubtful_energy = 0.05;  // of all energy that was turned over, not accounted for
+constexpr double doubtful_share = 0.03;   // "more than a few per cent" of the flowing mass, in a number
+constexpr double least_rows = 4;          // of particles over the height: fewer are all surface
 
 double cpu_seconds() {
   rusage usage{};
@@ -94,6 +100,11 @@ struct Record {
   };
   Share below_data, above_data, ill_posed, beta_limited, phi_at_floor;
   long flowing_samples = 0;
+  // Extremes over the samples.
+  double mach = 0;           // |v|/c
+  double compression = 0;    // rho/rho0
+  double unaccounted = 0;    // |energy| that the budget does not explain [J]
+  double energy_turned = 0;  // energy that was turned over: moved, lifted, stored, dissipated [J]
   double particle_steps = 0;
   double pair_steps = 0;
 
@@ -112,6 +123,7 @@ struct Record {
                 {"initial_energy", initial_energy},
                 {"work", {particle_steps, pair_steps}},
                 {"flowing_samples", flowing_samples},
+                {"extremes", {mach, compression, unaccounted, energy_turned}},
                 {"below_data", below_data.to_json()},
                 {"above_data", above_data.to_json()},
                 {"ill_posed", ill_posed.to_json()},
@@ -136,6 +148,9 @@ struct Record {
     r.particle_steps = j.at("work").at(0).get<double>();
     r.pair_steps = j.at("work").at(1).get<double>();
     r.flowing_samples = j.at("flowing_samples").get<long>();
+    const json& extremes = j.at("extremes");
+    r.mach = extremes.at(0).get<double>(), r.compression = extremes.at(1).get<double>();
+    r.unaccounted = extremes.at(2).get<double>(), r.energy_turned = extremes.at(3).get<double>();
     r.below_data = Share::from(j.at("below_data"));
     r.above_data = Share::from(j.at("above_data"));
     r.ill_posed = Share::from(j.at("ill_posed"));
@@ -163,6 +178,9 @@ class Run {
       : options_(options), setup_(make_setup<Dim>(file, law)), effective_(file.effective()) {
     law_hash_ = law_hash(law);
     key_ = sha256(effective_ + law_hash_ + version + git_revision);
+    const std::vector<double>& p = setup_.particles.p;
+    for (std::size_t i = 0; i < setup_.particles.interior; ++i)
+      initial_pressure_ += p[i] / static_cast<double>(setup_.particles.interior);
     flow_ = make_flow<Dim>(setup_);
     setup_.particles = {};  // the flow has its own
     choose_threads();
@@ -196,7 +214,7 @@ class Run {
       // Frames are met to the moment; the series takes the first step at or after each sample's time.
       const double next_frame =
           end * static_cast<double>(record_.framed) / static_cast<double>(setup_.frames);
-      const StepInfo step = flow_->step(std::max(next_frame - flow_->time(), 1e-12 * end));
+      const StepInfo step = advance(std::max(next_frame - flow_->time(), 1e-12 * end));
       ++record_.bounds[static_cast<std::size_t>(step.bound)];
       record_.dt_min = std::min(record_.dt_min, step.dt);
       record_.dt_max = std::max(record_.dt_max, step.dt);
@@ -213,7 +231,8 @@ class Run {
                                     flow_->steps(), flow_->time(), step.dt,
                                     bound_names[static_cast<std::size_t>(step.bound)], b.largest_speed));
       }
-      if (stop_requested() || elapsed() - last_checkpoint > checkpoint_every) {
+      if (stop_requested() ||
+          elapsed() - last_checkpoint > std::clamp(last_checkpoint, 1.0, checkpoint_every)) {
         last_checkpoint = elapsed();
         clock();
         save_checkpoint();
@@ -230,7 +249,8 @@ class Run {
     clock();
     const json result = summary(ended);
     write_file_atomically(options_.folder / "summary.json", result.dump(1) + "\n");
-    warn_of_ill_posedness();
+    for (const json& warning : result.at("warnings"))
+      spdlog::warn("{}: {}", options_.folder.string(), warning.at("text").get<std::string>());
     fs::remove(checkpoint());  // no error if there is none
     fs::remove(older_checkpoint());
     progress.finish(fmt::format("{} at t = {:.4g} s, {} steps, {:.3g} million particle-steps a second", ended,
@@ -242,10 +262,21 @@ class Run {
  private:
   fs::path checkpoint() const { return options_.folder / "checkpoint.h5"; }
   fs::path older_checkpoint() const { return options_.folder / "checkpoint.previous.h5"; }
+  /// A step; if it breaks down, the error says where the last good state is.
+  StepInfo advance(double largest_dt) {
+    try {
+      return flow_->step(largest_dt);
+    } catch (const NumericalError& error) {
+      if (!fs::exists(checkpoint())) throw;
+      throw NumericalError(fmt::format("{}; the state at t = {:.4g} s is kept in {}", error.what(),
+                                       checkpoint_time_, checkpoint().string()));
+    }
+  }
   /// Two generations are kept: a disk that fails while one is written leaves the other.
   void save_checkpoint() {
     if (fs::exists(checkpoint())) fs::rename(checkpoint(), older_checkpoint());
     flow_->save(checkpoint(), key_, record_.text());
+    checkpoint_time_ = flow_->time();
   }
   /// The note of the newest checkpoint that can be read. Throws InputError if none can, or if it belongs to
   /// another configuration.
@@ -272,6 +303,7 @@ class Run {
                       options_.folder.string()));
     if (fs::exists(checkpoint()) || fs::exists(older_checkpoint())) {
       record_ = Record::from(load_checkpoint());
+      checkpoint_time_ = flow_->time();
     } else {
       fs::create_directories(options_.folder / "frames");
       remove_old_frames();
@@ -320,6 +352,7 @@ class Run {
     const bool collapse = setup_.initial_length > 0;  // something has a front
     s["front_99"].push_back(collapse ? front_99(heap) : 0.0);
     s["centre_height"].push_back(collapse || std::isfinite(setup_.period.length[0]) ? height_of(heap) : 0.0);
+    watch(b);
     record_.sampled = static_cast<long>((flow_->time() / setup_.end_time) * samples * (1 + 1e-12)) + 1;
     if (b.flowing > 0) {
       ++record_.flowing_samples;
@@ -383,19 +416,92 @@ class Run {
     return result;
   }
 
-  /// Says how much of the flow has equations in which the shortest waves grow fastest: there a finer
-  /// resolution need not give a better answer. 3 % is "more than a few per cent" in a number.
-  void warn_of_ill_posedness() const {
+  void watch(const Budgets& b) {
+    const json& before = record_.initial_budgets;
+    const auto initially = [&](const char* what) { return before.at(what).get<double>(); };
+    Budgets start;
+    start.kinetic = record_.initial_energy;  // all three kinds together
+    record_.mach = std::max(record_.mach, b.largest_speed / b.sound_speed);
+    record_.compression = std::max(record_.compression, b.largest_compression);
+    record_.unaccounted = std::max(record_.unaccounted, std::abs(b.unaccounted_since(start)));
+    record_.energy_turned =
+        std::max(record_.energy_turned, b.kinetic + std::abs(b.potential - initially("potential")) +
+                                            std::abs(b.elastic - initially("elastic")) + b.dissipated);
+  }
+
+  double mean_pressure() const {
+    const Frame frame = flow_->frame();
+    const std::vector<double>& p = frame.field("p").values;
+    double sum = 0;
+    for (std::size_t i = 0; i < flow_->interior(); ++i) sum += p[i];
+    return sum / static_cast<double>(flow_->interior());
+  }
+
+  /// What makes this run's figures doubtful: a cause to look for, and a sentence for people.
+  json warnings() const {
+    json list = json::array();
+    const auto warn = [&](const char* cause, std::string text) {
+      list.push_back({{"cause", cause}, {"text", std::move(text)}});
+    };
+    if (record_.mach > doubtful_mach)
+      warn("speed of sound",
+           fmt::format("speeds of up to {:.2g} of that of sound (rho up to {:.2f} rho0): the material is "
+                       "compressed as no grains are; use a larger sound speed (a smaller flow.mach)",
+                       record_.mach, record_.compression));
+    // What rests turns over next to nothing: there the measure is a thousandth of what lifting it by H takes.
+    const double least =
+        1e-3 * flow_->budgets().mass *
+        std::max(norm(setup_.gravity) * setup_.length_scale, 1e-9 * setup_.eos.K / setup_.eos.rho0);
+    if (record_.unaccounted > doubtful_energy * record_.energy_turned + least)
+      warn("energy",
+           fmt::format("{:.2g} J, {:.0f} % of all energy that was turned over, is not accounted for: use a "
+                       "smaller flow.step_factor, a finer resolution, or formulation = \"robust\"",
+                       record_.unaccounted, 100 * record_.unaccounted / record_.energy_turned));
     const double n = std::max(1.0, static_cast<double>(record_.flowing_samples));
-    const double mean = record_.ill_posed.sum / n;
-    if (mean > 0.03)
-      spdlog::warn(
-          "{}: on average {:.0f} % of the flowing mass ({:.0f} % at most) is at an inertial number at which "
-          "this "
-          "friction law is ill-posed (Barker et al. 2015): details may depend on the resolution; "
-          "law.friction = "
-          "\"barker_gray_2017\" is well posed at low I",
-          options_.folder.string(), 100 * mean, 100 * record_.ill_posed.largest);
+    if (const double mean = record_.ill_posed.sum / n; mean > doubtful_share)
+      warn("ill-posed law",
+           fmt::format(
+               "on average {:.0f} % of the flowing mass ({:.0f} % at most) is at an inertial number at "
+               "which this friction law is ill-posed (Barker et al. 2015): the shortest waves grow "
+               "fastest, and details may depend on the resolution; law.friction = \"barker_gray_2017\" "
+               "is well posed at low I",
+               100 * mean, 100 * record_.ill_posed.largest));
+    if (const double mean = (record_.below_data.sum + record_.above_data.sum) / n;
+        setup_.law_range.highest > 0 && mean > doubtful_share)
+      warn("outside of the law's data",
+           fmt::format(
+               "on average {:.0f} % of the flowing mass is at I below {:g}, {:.0f} % above {:g}, where "
+               "the law has no data",
+               100 * record_.below_data.sum / n, setup_.law_range.lowest, 100 * record_.above_data.sum / n,
+               setup_.law_range.highest));
+    if (setup_.scene == "plane_shear")
+      if (const double p = mean_pressure(); !(p > 0.8 * initial_pressure_ && p < 1.25 * initial_pressure_))
+        warn("pressure",
+             fmt::format("the mean pressure is {:.2g} times the one set: at constant volume, density and "
+                         "pressure of a fast shear follow the disorder of the particles; use a smaller "
+                         "sound speed, or a lower shear rate",
+                         p / initial_pressure_));
+    if (setup_.length_scale < (least_rows - 0.5) * setup_.dx)
+      warn("resolution",
+           fmt::format("only {:.0f} particles over the height: every sum is cut off by the surface; "
+                       "use a larger flow.resolution",
+                       setup_.length_scale / setup_.dx));
+    if (setup_.dx < 0.99 * setup_.grains.d)
+      warn(
+          "smaller than grains",
+          fmt::format("the spacing of the particles is {:.2g} grain diameters: what is seen below one has no "
+                      "counterpart in grains",
+                      setup_.dx / setup_.grains.d));
+    if (const DirectStress* direct = std::get_if<DirectStress>(&setup_.parts.stress))
+      warn("creep",
+           fmt::format("stress = \"direct\" has no rest: what should stand creeps at shear rates of the "
+                       "order of g_min = {:g} 1/s; elastic_return has none of it",
+                       direct->gamma_dot_min));
+    if (!std::visit([](const auto& law) { return law.has_yield_stress; }, setup_.parts.friction))
+      warn("creep", "this friction law has no yield stress at rest: what should stand creeps");
+    if (setup_.step_factor > 1)
+      warn("time step", fmt::format("steps of {:g} times the bounds of Eq. 5.28", setup_.step_factor));
+    return list;
   }
 
   /// What an incline shows at the end: slip, surface velocity, pressure on the floor, from lines through
@@ -459,6 +565,12 @@ class Run {
           {"H0", setup_.length_scale},
           {"solid_fraction", setup_.initial_phi}}},
         {"outside_law", beyond_the_law()},
+        {"warnings", warnings()},
+        {"extremes",
+         {{"mach", record_.mach},
+          {"rho_over_rho0", record_.compression},
+          {"energy_unaccounted", record_.unaccounted},
+          {"energy_turned_over", record_.energy_turned}}},
         {"sound_speed", std::sqrt(setup_.eos.K / setup_.eos.rho0)},
         {"dx", setup_.dx},
         {"h", setup_.h},
@@ -500,6 +612,8 @@ class Run {
   std::string key_;
   std::unique_ptr<Flow> flow_;
   Record record_;
+  double checkpoint_time_ = 0;   // of the state on disk [s]
+  double initial_pressure_ = 0;  // mean of the material [Pa]
   std::vector<std::array<double, 3>> positions_;
   std::vector<double> volumes_;
   std::vector<double> x_;

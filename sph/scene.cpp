@@ -119,7 +119,7 @@ const ParameterTable incline_table{
     "A bed on a rough incline, periodic along it; 0 deg is a bed at rest.",
     {
         {"height", Kind::quantity, "m", 1e-6, 1e5, "required", "H: depth of the bed, normal to the incline."},
-        {"angle", Kind::quantity, "rad", 0, 1.5, "required", "Slope, for example \"25 deg\"."},
+        {"angle", Kind::quantity, "rad", 0, 1.57, "required", "Slope, for example \"25 deg\"."},
         {"length", Kind::quantity, "m", 1e-6, 1e5, "unset", "Periodic extent; unset: 16 particles."},
         {"width", Kind::quantity, "m", 1e-6, 1e5, "unset",
          "Periodic extent across, in 3D; unset: 12 particles."},
@@ -359,6 +359,8 @@ Scene<Dim> geometry_scene(const CaseFile& file) {
                  norm(wall.velocity) +
                      std::abs(wall.omega) *
                          (wall.radius > 0 ? wall.radius : norm(scene.geometry.high - scene.geometry.low)));
+  for (const Body<Dim>& b : scene.geometry.bodies)
+    scene.velocity_scale = std::max(scene.velocity_scale, norm(b.velocity));
   return scene;
 }
 
@@ -706,6 +708,7 @@ FlowSetup<Dim> make_setup(const CaseFile& file, const LawFile& law) {
                     : 0;
     q.rho[i] = setup.eos.density(q.p[i]);
     q.m[i] = q.rho[i] * volume;
+    if (inside) Particles<Dim>::store(q.v, i, scene.geometry.bodies[points.body[i]].velocity);
     if (inside && bagnold) q.v[0][i] = bagnold->velocity(x[Dim - 1], height);
     if (inside && scene.shear_start) q.v[0][i] = scene.shear_rate * (x[Dim - 1] - 0.5 * height);
   }

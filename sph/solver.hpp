@@ -51,15 +51,13 @@ class Solver final : public Flow {
 
   StepInfo step(double largest_dt) override {
     const double dt = std::min(next_.dt, largest_dt);
-    // Written so that a NaN fails closed.
-    if (!(dt > 1e-12 * setup_.h / sound_speed_))
-      throw NumericalError(
-          fmt::format("step {}: the time step has collapsed to {:g} s (bound: {}); use a smaller "
-                      "flow.mach or a finer resolution",
-                      steps_, dt, bound_names[static_cast<std::size_t>(next_.bound)]));
+    check_step();
     const StepInfo taken = next_;
     kick_and_drift(dt);
-    if (wall_forces_.moving) move_walls(dt);
+    if (wall_forces_.moving) {
+      move_walls(dt);
+      for_particles(0, q_.interior, [&](std::size_t i) { keep_off_walls(i); });
+    }
     check_particles();
     if (list_is_stale()) {
       wrap_positions();
@@ -187,6 +185,7 @@ class Solver final : public Flow {
     b.diffused = diffused_;
     b.from_walls = from_walls_;
     b.swollen = swollen_;
+    b.sound_speed = reference_sound_speed();
     const ElasticReturn* elastic = std::get_if<ElasticReturn>(&parts_.stress);
     for (std::size_t i = 0; i < q_.interior; ++i) {
       const V v = q_.velocity(i);
@@ -198,6 +197,8 @@ class Solver final : public Flow {
       b.elastic += q_.m[i] * setup_.eos.energy(q_.rho[i], q_.rho0.empty() ? setup_.eos.rho0 : q_.rho0[i]);
       if (elastic) b.elastic += q_.m[i] / q_.rho[i] * q_.deviator(i).square() / (4 * elastic->G);
       b.largest_speed = std::max(b.largest_speed, std::sqrt(speed2));
+      b.largest_compression =
+          std::max(b.largest_compression, q_.rho[i] / (q_.rho0.empty() ? setup_.eos.rho0 : q_.rho0[i]));
       b.mean_speed += q_.m[i] * std::sqrt(speed2);
       for (std::size_t k = 0; k < Dim; ++k) {
         b.momentum[k] += q_.m[i] * v.c[k];
@@ -535,6 +536,7 @@ class Solver final : public Flow {
       for (int i = 0; i < Dim; ++i) {
         f(fmt::format("wall_{}_point_{}", k, i).c_str(), setup_.walls[k].point[i]);
         f(fmt::format("wall_{}_direction_{}", k, i).c_str(), setup_.walls[k].direction[i]);
+        f(fmt::format("wall_{}_velocity_{}", k, i).c_str(), setup_.walls[k].velocity[i]);
       }
   }
   double reach() const {
@@ -609,6 +611,43 @@ class Solver final : public Flow {
   }
 
   // ---- guards
+  /// rho/rho0 beyond which a run ends: the pressure is then half of K (gamma = 1) and flow is no longer slow
+  /// against sound, which the equation of state takes for granted.
+  static constexpr double largest_compression = 1.5;
+
+  /// Names the first term, in the order in which a step works them out, that has broken down.
+  [[noreturn]] void name_broken_state(std::size_t broken) const {
+    const auto stop = [&](std::size_t i, const char* term, double value, const char* advice) {
+      const V x = q_.position(i);
+      throw NumericalError(
+          fmt::format("step {}, t = {:.4g} s: the {} of particle {} at x = {:.4g} m, {:.4g} m up, is {:g} "
+                      "({} particles in "
+                      "all); {}",
+                      steps_, time_, term, q_.id[i], x[0], x[Dim - 1], value, broken, advice));
+    };
+    const char* smaller = "use a smaller flow.step_factor or a larger sound speed (a smaller flow.mach)";
+    for (std::size_t i = 0; i < q_.interior; ++i)
+      if (!(q_.rho[i] > 0)) stop(i, "density", q_.rho[i], smaller);
+    for (std::size_t i = 0; i < q_.interior; ++i) {
+      const double ratio = q_.rho[i] / (q_.rho0.empty() ? setup_.eos.rho0 : q_.rho0[i]);
+      if (!(ratio < largest_compression))
+        stop(i, "density over rho0", ratio,
+             "it is squeezed beyond what an almost incompressible flow can be: use a larger sound speed (a "
+             "smaller flow.mach)");
+    }
+    for (std::size_t i = 0; i < q_.interior; ++i) {
+      if (!std::isfinite(q_.p[i])) stop(i, "pressure", q_.p[i], smaller);
+      if (!q_.beta.empty() && !std::isfinite(q_.beta[i])) stop(i, "dilation beta", q_.beta[i], smaller);
+      if (!std::isfinite(q_.gamma_dot[i])) stop(i, "shear rate", q_.gamma_dot[i], smaller);
+      const double tau = equivalent_stress(q_.deviator(i));
+      if (!std::isfinite(tau)) stop(i, "stress", tau, smaller);
+    }
+    for (std::size_t i = 0; i < q_.interior; ++i) {
+      const V a = q_.acceleration(i);
+      if (!(dot(a, a) <= 1e300)) stop(i, "acceleration", norm(a), smaller);
+    }
+    throw NumericalError(fmt::format("step {}: {} particles have broken down", steps_, broken));
+  }
   [[noreturn]] void name_broken_particle() const {
     for (std::size_t i = 0; i < q_.size; ++i)
       for (std::size_t k = 0; k < Dim; ++k)
@@ -661,7 +700,7 @@ class Solver final : public Flow {
       V transport = averaged ? Particles<Dim>::load(q_.averaged, i) : V{};
       const bool near = stop_at_walls(i, transport, sum);
       for (std::size_t k = 0; k < Dim; ++k) q_.x[k][i] += dt * (q_.v[k][i] + transport.c[k]);
-      if (near) keep_off_walls(i);
+      if (near && !wall_forces_.moving) keep_off_walls(i);
     });
     cut_off_ += sums[0];
     from_walls_ += sums[1];
@@ -712,6 +751,20 @@ class Solver final : public Flow {
       for (std::size_t k = 0; k < Dim; ++k) q_.v[k][i] += 0.5 * dt * q_.a[k][i];
     });
   }
+  /// A step a million times shorter than sound needs at rest does not get anywhere: what asks for it is the
+  /// error. Written so that a NaN fails closed.
+  void check_step() const {
+    const double usual = 0.25 * setup_.h / reference_sound_speed() * setup_.step_factor;
+    if (next_.dt > 1e-6 * usual) return;
+    constexpr std::array<const char*, bound_names.size()> advice{
+        "use a larger flow.mach (a smaller sound speed)",
+        "something pushes particles apart violently: use a smaller flow.step_factor or a larger sound speed",
+        "raise flow.g_min, or use flow.stress = \"elastic_return\", which has no viscous bound"};
+    const auto bound = static_cast<std::size_t>(next_.bound);
+    throw NumericalError(fmt::format(
+        "step {}: the time step has collapsed to {:g} s, {:.1g} of what sound needs (bound: {}); {}", steps_,
+        next_.dt, next_.dt / usual, bound_names[bound], advice[bound]));
+  }
   /// Wall particles move rigidly with their wall.
   static V carried(const Wall<Dim>& wall, const V& x, double dt) {
     const double angle = wall.omega * dt;
@@ -725,6 +778,7 @@ class Solver final : public Flow {
     return wall.point + dt * wall.velocity + r;
   }
   void move_walls(double dt) {
+    for (Wall<Dim>& wall : setup_.walls) wall.swing_at(time_ + 0.5 * dt);
     for_particles(q_.interior, q_.size, [&](std::size_t w) {
       const Wall<Dim>& wall = wall_of(q_, around(), w);
       if (wall.moves()) Particles<Dim>::store(q_.x, w, carried(wall, q_.position(w), dt));
@@ -773,15 +827,9 @@ class Solver final : public Flow {
         largest_viscosity = std::max(largest_viscosity, eta / q_.rho[i]);
       }
       // max passes over a NaN: it is looked for where it would come from.
-      if (!(q_.rho[i] > 0)) ++broken;
+      if (!(q_.rho[i] > 0 && q_.rho[i] < largest_compression * rho0 && dot(a, a) <= 1e300)) ++broken;
     }
-    if (broken > 0)
-      for (std::size_t i = 0; i < q_.interior; ++i)
-        if (!(q_.rho[i] > 0))
-          throw NumericalError(
-              fmt::format("step {}: the density of particle {} is {} ({} in all); use a smaller "
-                          "flow.step_factor or a larger sound speed",
-                          steps_, q_.id[i], q_.rho[i], broken));
+    if (broken > 0) name_broken_state(broken);
     sound_speed_ = std::sqrt(largest_c2);
     largest_speed_ = std::sqrt(largest_v2);
     const std::array<double, 3> bounds{

@@ -56,6 +56,8 @@ const ParameterTable wall_table{
          "Direction of a cylinder's axis, in 3D.",
          {"x", "across", "up"}},
         {"velocity", Kind::quantities, "m/s", -1e4, 1e4, "unset", "Of translation; unset: none."},
+        {"period", Kind::quantity, "s", 1e-9, 1e9, "unset",
+         "Of an oscillation: the velocity times cos(2 pi t/period); unset: it is steady."},
         {"angular_velocity", Kind::quantity, "rad/s", -1e5, 1e5, "0 rad/s",
          "Of a cylinder about its axis, right-handed, or in 2D of a plane or circle about its point, "
          "anticlockwise."},
@@ -73,13 +75,14 @@ const ParameterTable wall_table{
 
 const ParameterTable body_table{
     "body.*",
-    "A body of material at t = 0, at rest.",
+    "A body of material at t = 0.",
     {
         {"shape", Kind::word, "", 0, 0, "required", "Its form.", {"box", "cylinder", "heap"}},
         {"low", Kind::quantities, "m", -1e6, 1e6, "required",
          "Lowest corner (box), or the middle of the base (cylinder, heap)."},
         {"high", Kind::quantities, "m", -1e6, 1e6, "required",
          "Highest corner (box), or the middle of the top or the tip, right above low (cylinder, heap)."},
+        {"velocity", Kind::quantities, "m/s", -1e4, 1e4, "unset", "At t = 0; unset: at rest."},
         {"radius", Kind::quantity, "m", 1e-6, 1e6, "unset", "Of the cylinder."},
         {"angle", Kind::quantity, "rad", 1e-3, 1.5, "unset",
          "Slope of the heap's surface, for example \"25 deg\"."},
@@ -610,6 +613,12 @@ Wall<Dim> read_wall(const Section& section, const std::string& name, const Geome
     if (periodic(i) && w.velocity[i] != 0 && !endless[index_of<Dim>(i)])
       section.refuse("velocity", fmt::format("the wall would leave the domain along {}, which is periodic",
                                              axis_name<Dim>(i)));
+  if (section.given("period")) {
+    if (!(dot(w.velocity, w.velocity) > 0))
+      section.refuse("period", "\"period\" needs a \"velocity\" that it changes");
+    w.period = section.quantity("period");
+    w.swing = w.velocity;
+  }
   w.omega = section.quantity("angular_velocity");
   if (w.omega != 0) {
     if (w.shape == WallShape::box)
@@ -663,6 +672,8 @@ Body<Dim> read_body(const Section& section, const std::string& name, const Geome
     body.angle = section.quantity("angle");
     if constexpr (Dim == 2) body.both_sides = section.flag("both_sides");
   }
+  if (section.given("velocity"))
+    body.velocity = vector_of<Dim>(section, "velocity", section.quantities("velocity"));
   section.finish(fmt::format("with shape = \"{}\" in {}D", shape, Dim));
   return body;
 }
@@ -671,7 +682,12 @@ Body<Dim> read_body(const Section& section, const std::string& name, const Geome
 
 template <int Dim>
 bool Wall<Dim>::moves() const {
-  return omega != 0 || dot(velocity, velocity) > 0;
+  return omega != 0 || period > 0 || dot(velocity, velocity) > 0;
+}
+
+template <int Dim>
+void Wall<Dim>::swing_at(double time) {
+  if (period > 0) velocity = std::cos(2 * std::numbers::pi * time / period) * swing;
 }
 
 template <int Dim>
@@ -750,6 +766,7 @@ Geometry<3> slab_of(const Geometry<2>& plane, double depth) {
     if (w.shape == WallShape::cylinder) wall.direction[1] = -1;
     wall.radius = w.radius;
     wall.velocity = lifted(w.velocity, 0);
+    wall.period = w.period, wall.swing = lifted(w.swing, 0);
     wall.omega = w.omega, wall.rough = w.rough, wall.basal_friction = w.basal_friction;
     slab.walls.push_back(std::move(wall));
   }
@@ -760,6 +777,7 @@ Geometry<3> slab_of(const Geometry<2>& plane, double depth) {
     body.name = b.name;
     body.low = lifted(b.low, 0);
     body.high = lifted(b.high, depth);
+    body.velocity = lifted(b.velocity, 0);
     slab.bodies.push_back(std::move(body));
   }
   return slab;

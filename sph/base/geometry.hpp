@@ -52,7 +52,9 @@ struct Wall {
   Vec<Dim> direction;  ///< plane: unit normal into the material; cylinder in 3D: unit axis
   Vec<Dim> half;       ///< box: half of its extents [m]; infinite along a periodic direction that it fills
   double radius = 0;   ///< cylinder [m]
-  Vec<Dim> velocity;   ///< of translation [m/s]
+  Vec<Dim> velocity;   ///< of translation, now [m/s]
+  double period = 0;   ///< of an oscillation: velocity = swing cos(2 pi t/period) [s]; 0: it is steady
+  Vec<Dim> swing;      ///< largest velocity of an oscillation [m/s]
   double omega = 0;   ///< of rotation about `point` (2D: plane, cylinder) or the cylinder's axis (3D) [rad/s]
   bool rough = true;  ///< a rough wall drags the material along; a smooth one is frictionless
   double basal_friction = std::numeric_limits<double>::quiet_NaN();  ///< mu_b; NaN: that of the material
@@ -64,6 +66,8 @@ struct Wall {
   /// Velocity of the wall's material at x [m/s].
   Vec<Dim> velocity_at(const Vec<Dim>& x) const;
   bool moves() const;
+  /// Takes the velocity that an oscillation has at `time`; a steady one stays.
+  void swing_at(double time);
   /// Moves the surface by dt along its velocity. Rotation leaves planes' points, and cylinders, where they
   /// are; it turns the normal of a plane in 2D.
   void move(double dt);
@@ -144,7 +148,7 @@ Vec<Dim> Wall<Dim>::velocity_at(const Vec<Dim>& x) const {
   return omega == 0 ? velocity : velocity + rotation_velocity(x - point, direction, omega);
 }
 
-/// A body of material at t = 0, at rest.
+/// A body of material at t = 0.
 template <int Dim>
 struct Body {
   enum class Shape {
@@ -157,6 +161,7 @@ struct Body {
   Shape shape = Shape::box;
   Vec<Dim> low;
   Vec<Dim> high;
+  Vec<Dim> velocity;        ///< at t = 0 [m/s]
   double radius = 0;        ///< cylinder [m]
   double angle = 0;         ///< heap [rad]
   bool both_sides = false;  ///< heap in 2D
