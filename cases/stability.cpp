@@ -105,6 +105,7 @@ Base base_of(const CaseFile& file) {
     if (flow.given(key)) base.ingredients.push_back(fmt::format("flow.{}={}", key, flow.word(key)));
   for (const char* key : ingredient_numbers)
     if (flow.given(key)) base.ingredients.push_back(fmt::format("flow.{}={:.17g}", key, flow.number(key)));
+  if (flow.given("g_min")) base.ingredients.push_back(fmt::format("flow.g_min={:.17g} 1/s", flow.quantity("g_min")));
   return base;
 }
 
@@ -524,6 +525,8 @@ json step_limits_of(const std::string& name, const std::vector<std::string>& set
   entry["lattice"] = measured_step_limit(setup, p0) / bound;
   entry["lattice_over_linear"] = entry.at("lattice").get<double>() / entry.at("linear").get<double>();
   entry["flowing"] = flowing_limit(file);
+  if (entry.at("flowing").get<double>() > 0)
+    entry["margin_of_5_28"] = std::min(entry.at("linear").get<double>(), entry.at("flowing").get<double>());
   return entry;
 }
 
@@ -538,6 +541,18 @@ std::vector<std::pair<std::string, std::vector<std::string>>> compositions_to_tr
         "shear_modulus=1.5", "eos_exponent=7"})
     list.push_back({setting, {fmt::format("flow.{}", setting)}});
   list.push_back({"stress=direct", {"flow.stress=direct", g_min}});
+  // What a material or a scene does to it.
+  for (const double c : {20.0, 80.0})
+    list.push_back({fmt::format("c = {:g} sqrt(gH)", c),
+                    {fmt::format("flow.sound_speed={:.9g} m/s", c * base.scale.speed())}});
+  list.push_back({"mu_l = 0.01, mu_h = 0.1", {"law.mu_l=0.01", "law.mu_h=0.1"}});
+  list.push_back({"mu_h = mu_l = 1.5", {"law.mu_l=1.5", "law.mu_h=1.5"}});
+  list.push_back({"D* = 1e-4", {"law.D_star=1e-4"}});
+  for (const double scale : {1e-4, 1.0})
+    list.push_back({fmt::format("dilation, s* = {:g}", scale),
+                    {"flow.dilation=evolve", "flow.initial_solid_fraction=0.61", fmt::format("law.s_star={:g}", scale)}});
+  list.push_back({"cohesion of rho g H/10",
+                  {fmt::format("flow.cohesion={:.6g} Pa", 0.1 * base.scale.rho0 * base.scale.g * base.scale.height())}});
   list.push_back({"source", {"flow.formulation=source", g_min}});
   return list;
 }

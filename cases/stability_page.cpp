@@ -144,8 +144,8 @@ void write_stability_page(const json& result, const std::filesystem::path& folde
     body +=
         "<h2>Longest stable steps</h2>\n<p>As multiples of the least bound of Eq. 5.28: 0.25 h/c with the "
         "elastic "
-        "wave's c, and 0.125 h<sup>2</sup> rho/eta with direct stress. A collapse counts as stable while all "
-        "but 5 % of its energy is accounted for.</p>\n" +
+        "wave's c, and 0.125 h<sup>2</sup> rho/eta with direct stress. A collapse counts as stable while "
+        "its energy is accounted for as well as with short steps, or to 5 %.</p>\n" +
         limits_table(result.at("step_limits"));
   if (!result.at("solver").empty()) body += "<h2>The solver</h2>\n" + cells_table(result.at("solver"));
   if (!result.at("grains").empty()) body += "<h2>The grains</h2>\n" + cells_table(result.at("grains"));
