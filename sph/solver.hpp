@@ -98,6 +98,7 @@ class Solver final : public Flow {
     const_cast<Solver*>(this)->arrays([&](const char* name, const char* unit, Column& values) {
       add(name, unit, values.capacity() * sizeof(double));
     });
+    add("volume", "m^3", q_.volume.capacity() * sizeof(double));
     add("id", "1", q_.id.capacity() * sizeof(std::int64_t));
     add("wall", "1", q_.wall.capacity() * sizeof(std::int64_t));
     return result;
@@ -285,7 +286,7 @@ class Solver final : public Flow {
             const std::string& note) const override {
     Hdf5Writer file(path);
     file.attribute("/", "format", std::string("dem2sph-checkpoint"));
-    file.attribute("/", "schema_version", std::int64_t{2});
+    file.attribute("/", "schema_version", std::int64_t{3});
     file.attribute("/", "key", key);
     file.attribute("/", "note", note);
     file.attribute("/", "steps", std::int64_t{steps_});
@@ -301,7 +302,7 @@ class Solver final : public Flow {
   }
 
   std::string load(const std::filesystem::path& path, const std::string& key) override {
-    const Hdf5Reader file(path, "dem2sph-checkpoint", 2);
+    const Hdf5Reader file(path, "dem2sph-checkpoint", 3);
     if (file.text_attribute("/", "key") != key)
       throw InputError(fmt::format(
           "{}: is a checkpoint of another case, law or version; use --force to start anew", path.string()));
@@ -351,7 +352,6 @@ class Solver final : public Flow {
   void allocate() {
     const bool own = own_wall_state();
     const std::size_t stressed = own ? q_.size : q_.interior;
-
     std::visit(
         [&]<class D>(const D&) {
           if constexpr (std::is_same_v<D, SummationShepard>) q_.rho_tilde.assign(q_.size, 0.0);
@@ -507,10 +507,12 @@ class Solver final : public Flow {
         parts_.stress, parts_.friction);
   }
 
+  /// Wall particle w shows the velocity of its wall.
+  void show_own_velocity(std::size_t w) {
+    Particles<Dim>::store(q_.v, w, wall_of(q_, around(), w).velocity_at(q_.position(w)));
+  }
   void set_wall_velocity() {
-    for_particles(q_.interior, q_.size, [&](std::size_t w) {
-      Particles<Dim>::store(q_.v, w, wall_of(q_, around(), w).velocity_at(q_.position(w)));
-    });
+    for_particles(q_.interior, q_.size, [&](std::size_t w) { show_own_velocity(w); });
   }
 
   // ---- lists and order
@@ -552,7 +554,7 @@ class Solver final : public Flow {
     list_.for_walls([&](const Cluster& a) {
       if (list_.sees_interior(a)) return;
       for (std::size_t w = a.first; w < a.first + a.count; ++w) {
-        Particles<Dim>::store(q_.v, w, wall_of(q_, around(), w).velocity_at(q_.position(w)));
+        show_own_velocity(w);
         q_.p[w] = 0;
         q_.rho[w] = setup_.eos.density(0);
         q_.set_deviator(w, S{});
@@ -734,6 +736,7 @@ class Solver final : public Flow {
   void shift(double dt) {
     std::array<Column, static_cast<std::size_t>(Dim)> shifts;
     for (Column& c : shifts) c.resize(q_.interior);
+    volume_pass(q_);
     with_kernel([&](const auto& kernel) {
       moment_pass(q_, around(), kernel);
       shifting_pass(q_, around(), kernel, setup_.dx, largest_speed_ * dt, largest_shift(), shifts);
