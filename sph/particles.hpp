@@ -2,12 +2,14 @@
 // [interior, size). The arrays of a part that is off are empty.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <string>
 #include <vector>
 
 #include "sph/base/tensor.hpp"
+#include "sph/loops.hpp"
 
 namespace dem2sph {
 
@@ -54,6 +56,26 @@ struct Cluster {
     return one;
   }
 };
+
+/// Particles [begin, end), Pack::width at a time, for what needs no pairs.
+class Clusters {
+ public:
+  Clusters(std::size_t begin, std::size_t end) : begin_(begin), end_(end) {}
+  std::size_t count() const { return (end_ - begin_ + Pack::width - 1) / Pack::width; }
+  Cluster operator[](std::size_t k) const {
+    const std::size_t first = begin_ + k * Pack::width;
+    return {first, std::min(Pack::width, end_ - first)};
+  }
+
+ private:
+  std::size_t begin_, end_;
+};
+/// Calls f(cluster) for the particles [begin, end), in parallel.
+template <class F>
+void for_clusters(std::size_t begin, std::size_t end, F&& f) {
+  const Clusters clusters(begin, end);
+  for_particles(0, clusters.count(), [&](std::size_t k) { f(clusters[k]); });
+}
 
 template <int Dim>
 struct Particles {
@@ -148,12 +170,12 @@ struct Particles {
   Vec<Dim> position(std::size_t i) const { return load(x, i); }
   Vec<Dim> velocity(std::size_t i) const { return load(v, i); }
   Vec<Dim> acceleration(std::size_t i) const { return load(a, i); }
+  Sym<Dim, Pack> deviator(const Cluster& of) const { return of.load<Sym<Dim, Pack>>(s); }
   Sym<Dim> deviator(std::size_t i) const { return value_of<Sym<Dim>>(s, i); }
   void set_deviator(std::size_t i, const Sym<Dim>& value) { set_value(s, i, value); }
   /// sigma/rho^2 of Eq. 5.20, tension positive [m^5/(kg s^2)].
   Sym<Dim> bracket(std::size_t i) const { return value_of<Sym<Dim>>(l, i); }
   Sym<Dim, Pack> bracket(const Cluster& of) const { return of.load<Sym<Dim, Pack>>(l); }
-  void set_bracket(std::size_t i, const Sym<Dim>& value) { set_value(l, i, value); }
 
  private:
   /// The components of a particle's value stand in the first arrays of a field, which may have more.

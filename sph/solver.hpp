@@ -459,12 +459,12 @@ class Solver final : public Flow {
   /// flow to slow down and its ringing should die away.
   void limit_damping(double c0) {
     const bool elastic = std::holds_alternative<ElasticReturn>(parts_.stress);
-    for_particles(0, q_.interior, [&](std::size_t a) {
-      const Gradient<Dim> l = Particles<Dim>::load(q_.l, a);
-      const double compression = std::abs(l.trace());
-      const double shear = shear_rate(deviator(strain_rate(l)));
-      const bool stands = elastic && q_.gamma_dot[a] == 0;
-      q_.limiter[a] = stands ? 1 : compression / (compression + shear + 1e-4 * c0 / setup_.h);
+    for_clusters(0, q_.interior, [&](const Cluster& a) {
+      const auto l = a.load<Gradient<Dim, Pack>>(q_.l);
+      const Pack compression = positive(l.trace()) - negative(l.trace());
+      const Pack shear = shear_rate(deviator(strain_rate(l)));
+      const Pack limiter = compression / (compression + shear + 1e-4 * c0 / setup_.h);
+      a.store(q_.limiter, elastic ? select(a.load(q_.gamma_dot) == Pack(0), Pack(1), limiter) : limiter);
     });
   }
 
