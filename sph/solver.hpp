@@ -562,25 +562,12 @@ class Solver final : public Flow {
     });
   }
   double largest_shift() const { return 0.02 * setup_.dx; }
-  /// True once two particles together may have moved by the skin.
-  bool list_is_stale() const {
-    const double limit =
-        0.5 * (reach() * setup_.skin / (1 + setup_.skin)) - (shifting() ? largest_shift() : 0);
-    const double limit2 = limit * limit;
-    double largest = 0;
-    bool broken = false;
-#pragma omp parallel for schedule(static) reduction(max : largest) reduction(|| : broken)
-    for (std::size_t i = 0; i < (wall_forces_.moving ? q_.size : q_.interior); ++i) {
-      double moved = 0;
-      for (std::size_t k = 0; k < Dim; ++k) {
-        const double step = q_.x[k][i] - listed_x_[k][i];
-        moved += step * step;
-      }
-      largest = std::max(largest, moved);
-      broken = broken || !(moved <= 1e300);
-    }
-    if (broken) name_broken_particle();
-    return largest > limit2;
+  bool list_is_stale() {
+    const double skin = reach() * setup_.skin / (1 + setup_.skin) - (shifting() ? 2 * largest_shift() : 0);
+    if (!list_.worn_out(q_, listed_x_, skin, wall_forces_.moving)) return false;
+    for (std::size_t i = 0; i < q_.size; ++i)
+      if (!(dot(q_.position(i), q_.position(i)) <= 1e300)) name_broken_particle();
+    return true;
   }
   void sort_particles() {
     const std::vector<std::int32_t> order = spatial_order(q_, setup_.dx);
