@@ -1,4 +1,7 @@
-// What one particle does with its velocity gradient: density, pressure, dilation, stress. No pairs here.
+// What particles do with their velocity gradients: density, pressure, dilation, stress. No pairs here.
+//
+// A cluster of particles goes through at once, in the lanes of packs. Only what iterates (the return of laws
+// without a closed form, a dilation that evolves) takes its particles one by one.
 #pragma once
 
 #include <cmath>
@@ -30,120 +33,135 @@ struct StateInput {
   bool clamp = false;  ///< whether the laws take the nearest I of `range` where I is outside
   DataRange range{};   ///< of I that the law's data cover
 
-  double in_law(double I) const {
+  template <class Real>
+  Real in_law(const Real& I) const {
     if (!clamp) return I;
-    return I < range.lowest ? range.lowest : I > range.highest ? range.highest : I;  // NaN stays
+    const Real lowest = range.lowest, highest = range.highest;
+    return select(I < lowest, lowest, select(I > highest, highest, I));  // NaN stays
   }
 };
 
-/// mu p + c with a mu that is never below zero; NaN stays.
-inline double strength_of(double mu, double p, double cohesion) {
-  const double strength = (mu < 0 ? 0 : mu) * p + cohesion;
-  return strength < 0 ? 0 : strength;
-}
+/// What a particle can bear under its pressure p, as a function of the rate g at which it shears: the law,
+/// the dilation and cohesion together.
+template <class Law, class Dilation, class Real = double>
+struct Strength {
+  const Law& law;
+  const Dilation& dilation;
+  const StateInput& in;
+  Real p;
+  Real frozen_beta;     ///< of a dilation without a state
+  DilationState state;  ///< of one that has a state: only a single particle is asked then
+  Real to_I = inertial_number(Real(1), p, in.grains.d, in.grains.rho_s);
 
-/// Strength in tension, down to the tensile strength: mu(I) has no meaning there, and mu at rest stands for
-/// it.
-template <class Law>
-double strength_in_tension(const Law& law, double p, double cohesion) {
-  const double strength = steady_friction(law, 0.0, 0.0) * p + cohesion;
-  return strength < 0 ? 0 : strength;
-}
-
-/// Energy that leaves with one particle's stress [J/m^3]: by shear, and by a cut-off.
-struct Dissipation {
-  double sheared = 0;
-  double cut_off = 0;
-};
-
-/// Stress of one particle at pressure p from its velocity gradient. Writes stress, gamma_dot and what
-/// dilation keeps.
-template <int Dim, class Stress, class Law, class Dilation>
-Dissipation update_stress(Particles<Dim>& q, std::size_t a, const Stress& stress, const Law& law,
-                          const Dilation& dilation, const StateInput& in) {
-  constexpr bool elastic = std::is_same_v<Stress, ElasticReturn>;
-  const double p = q.p[a];
-  const Gradient<Dim> l = Particles<Dim>::load(q.l, a);
-  Sym<Dim> rate = deviator(strain_rate(l));
-  const double total_rate = shear_rate(rate);
-  const auto keep_beta = [&](double beta) {
-    if constexpr (!std::is_same_v<Dilation, NoDilation>) q.beta[a] = beta;
-    return beta;
-  };
-  // Without pressure separated grains carry no stress, unless something holds them together (p < 0 is only
-  // reached within the tensile strength). A NaN of p goes on and shows.
-  if (p <= 0 && !(p < 0 && in.cohesion > 0)) {
-    double lost = 0;
-    if constexpr (elastic) lost = q.deviator(a).square() / (4 * stress.G);
-    q.set_deviator(a, Sym<Dim>{});
-    q.gamma_dot[a] = total_rate;
-    keep_beta(0);
-    return {0, lost};
-  }
-
-  const double to_I = in.grains.d / std::sqrt(p / in.grains.rho_s);
-  // How strong the particle is at the shear rate g, and what its state of dilation then is.
-  const auto evolved = [&](double g) {
+  /// State and beta of dilation after an increment at the rate g.
+  DilationStep after(double g) const { return dilation.law.after(state, in.in_law(g * to_I), g * in.dt); }
+  Real beta(const Real& g) const {
     if constexpr (has_dilation_state<Dilation>)
-      return dilation.law.after({q.dilation_state[a], q.dilation_I[a]}, in.in_law(g * to_I), g * in.dt);
-    else
-      return 0;
-  };
-  double frozen_beta = 0;
-  if constexpr (std::is_same_v<Dilation, DilationFromField>)
-    frozen_beta = direct_dilation(l.trace(), total_rate, dilation.limits);
-  const auto beta_at = [&](double g) {
-    if constexpr (has_dilation_state<Dilation>)
-      return evolved(g).beta;
+      return after(g).beta;
     else
       return frozen_beta;
+  }
+  /// mu p + c with a mu that is never below zero; NaN stays.
+  Real operator()(const Real& g) const {
+    const Real mu = steady_friction(law, in.in_law(g * to_I), g) + beta(g);
+    return positive(positive(mu) * p + in.cohesion);
+  }
+  /// In tension, down to the tensile strength: mu(I) has no meaning there, and mu at rest stands for it.
+  Real in_tension() const { return positive(steady_friction(law, 0.0, 0.0) * p + in.cohesion); }
+};
+
+/// Energy that leaves with a particle's stress [J/m^3]: by shear, and by a cut-off.
+struct Dissipation {
+  Pack sheared;
+  Pack cut_off;
+};
+
+/// Stress of a cluster at its pressures from its velocity gradients. Writes stress, gamma_dot and what
+/// dilation keeps.
+template <int Dim, class Stress, class Law, class Dilation>
+Dissipation update_stress(Particles<Dim>& q, const Cluster& a, const Stress& stress, const Law& law,
+                          const Dilation& dilation, const StateInput& in) {
+  constexpr bool elastic = std::is_same_v<Stress, ElasticReturn>;
+  constexpr bool together = has_closed_return<Law> && !has_dilation_state<Dilation>;
+  const Pack p = a.load(q.p);
+  const auto l = a.load<Gradient<Dim, Pack>>(q.l);
+  const Sym<Dim, Pack> rate = deviator(strain_rate(l));
+  const Pack total_rate = shear_rate(rate);
+  // Without pressure separated grains carry no stress, unless something holds them together (p < 0 is only
+  // reached within the tensile strength). A NaN of p goes on and shows.
+  const Mask pulled = p < Pack(0);
+  const Mask apart = in.cohesion > 0 ? p == Pack(0) : p <= Pack(0);
+
+  Pack beta;
+  if constexpr (std::is_same_v<Dilation, DilationFromField>)
+    beta = direct_dilation(l.trace(), total_rate, dilation.limits);
+  const Strength<Law, Dilation, Pack> strength{law, dilation, in, p, beta, {}};
+  const auto strength_of = [&](std::size_t lane) {
+    DilationState state;
+    if constexpr (has_dilation_state<Dilation>)
+      state = {q.dilation_state[a.first + lane], q.dilation_I[a.first + lane]};
+    return Strength<Law, Dilation>{law, dilation, in, p[lane], beta[lane], state};
   };
-  const auto strength = [&](double g) {
-    if (p < 0) return strength_in_tension(law, p, in.cohesion);
-    return strength_of(steady_friction(law, in.in_law(g * to_I), g) + beta_at(g), p, in.cohesion);
-  };
-  const auto finish = [&](double g) {  // the state at the end of the increment
-    if (p < 0) {
-      keep_beta(0);
-    } else if constexpr (has_dilation_state<Dilation>) {
-      const auto end = evolved(g);
-      q.dilation_state[a] = end.state.value;
-      q.dilation_I[a] = end.state.I;
-      q.beta[a] = end.beta;
-    } else {
-      keep_beta(frozen_beta);
-    }
+  /// f(lane) of all particles that bear pressure, NaN among them.
+  const auto one_by_one = [&](auto&& f) {
+    for (std::size_t lane = 0; lane < a.count; ++lane)
+      if (!apart[lane] && !pulled[lane]) f(lane);
   };
 
+  Sym<Dim, Pack> s;
+  Returned<Pack> end{0, total_rate};
+  Dissipation lost;
   if constexpr (elastic) {
-    Sym<Dim> s = rotate(q.deviator(a), l, in.dt);
-    for (int k = 0; k < Sym<Dim>::size; ++k) s[k] += 2 * stress.G * in.dt * rate[k];
-    const double trial = equivalent_stress(s);
+    const Sym<Dim, Pack> before = q.deviator(a);
     const double G_dt = stress.G * in.dt;
-    const Returned returned = has_dilation_state<Dilation> || p < 0 || in.clamp
-                                  ? return_by_newton(trial, G_dt, strength)
-                                  : return_to_yield(law, in.grains, trial, p, G_dt, frozen_beta, in.cohesion);
-    double dissipated = 0;
-    if (!(returned.gamma_dot == 0)) {
-      if (trial > 0) s *= returned.tau / trial;
-      // The momentum balance works with the stress after the return, so this is what plastic shear takes of
-      // its work.
-      dissipated = returned.tau * returned.gamma_dot * in.dt;
-    }
-    q.set_deviator(a, s);
-    q.gamma_dot[a] = returned.gamma_dot;
-    finish(returned.gamma_dot);
-    return {dissipated, 0};
+    s = rotate(before, l, in.dt);
+    for (int k = 0; k < Sym<Dim>::size; ++k) s[k] += 2 * G_dt * rate[k];
+    const Pack trial = equivalent_stress(s);
+    const auto returned = [&] {
+      if constexpr (together)
+        if (!in.clamp) return return_to_yield(law, in.grains, trial, p, G_dt, beta, in.cohesion);
+      Returned<Pack> each;
+      one_by_one([&](std::size_t lane) {
+        const Returned<> one = return_by_newton(trial[lane], G_dt, strength_of(lane));
+        each.tau.set(lane, one.tau), each.gamma_dot.set(lane, one.gamma_dot);
+      });
+      return each;
+    };
+    end = returned();
+    if (in.cohesion > 0) end = choice(pulled, return_constant(strength.in_tension(), trial, G_dt), end);
+    const Mask stands = end.gamma_dot == Pack(0);
+    for (Pack& component : s.c) component *= select(stands, Pack(1), end.tau / trial);
+    // The momentum balance works with the stress after the return, so this is what plastic shear takes of its
+    // work.
+    lost.sheared = end.tau * end.gamma_dot * in.dt;
+    lost.cut_off = select(apart, before.square() / (4 * stress.G), Pack(0));
+    end.gamma_dot = select(apart, total_rate, end.gamma_dot);
   } else {
-    const double least = stress.gamma_dot_min;
-    const double eta =
-        strength(total_rate) / (total_rate < least ? least : total_rate);  // a NaN rate stays one
-    rate *= 2 * eta;
-    q.set_deviator(a, rate);
-    q.gamma_dot[a] = total_rate;
-    finish(total_rate);
-    return {eta * total_rate * total_rate * in.dt, 0};
+    const Pack least = stress.gamma_dot_min;
+    if constexpr (together)
+      end.tau = strength(total_rate);
+    else
+      one_by_one([&](std::size_t lane) { end.tau.set(lane, strength_of(lane)(total_rate[lane])); });
+    if (in.cohesion > 0) end.tau = select(pulled, strength.in_tension(), end.tau);
+    const Pack eta = end.tau / select(total_rate < least, least, total_rate);  // a NaN rate stays one
+    s = rate;
+    s *= 2 * eta;
+    lost.sheared = eta * total_rate * total_rate * in.dt;
   }
+  for (Pack& component : s.c) component = select(apart, Pack(0), component);
+  lost.sheared = select(apart, Pack(0), lost.sheared);
+  a.store(q.s, s);
+  a.store(q.gamma_dot, end.gamma_dot);
+  if constexpr (has_dilation_state<Dilation>) {
+    one_by_one([&](std::size_t lane) {  // the state at the end of the increment
+      const DilationStep after = strength_of(lane).after(end.gamma_dot[lane]);
+      q.dilation_state[a.first + lane] = after.state.value;
+      q.dilation_I[a.first + lane] = after.state.I;
+      beta.set(lane, after.beta);
+    });
+  }
+  if constexpr (!std::is_same_v<Dilation, NoDilation>) a.store(q.beta, select(apart | pulled, Pack(0), beta));
+  return lost;
 }
 
 /// Density where it follows a continuity equation, pressure and stress of the particles [begin, end).
@@ -153,29 +171,41 @@ StateSums state_pass(Particles<Dim>& q, std::size_t begin, std::size_t end, cons
   constexpr bool elastic = std::is_same_v<Stress, ElasticReturn>;
   const bool own_rho0 = !q.rho0.empty();
   const bool continuity = !q.rho_rate.empty();
-  const auto sums = sum_over<4>(begin, end, [&](std::size_t a, std::array<double, 4>& sum) {
+  const Clusters clusters(begin, end);
+  const auto sums = sum_over<4, Pack>(0, clusters.count(), [&](std::size_t k, std::array<Pack, 4>& sum) {
+    const Cluster a = clusters[k];
+    const Pack m = a.present() * a.load(q.m);
+    const Pack p_before = a.load(q.p);
+    Pack rho = a.load(q.rho);
+    Pack rho0 = own_rho0 ? a.load(q.rho0) : Pack(eos.rho0);
     if (continuity) {
-      const double from_flow = -q.rho[a] * Particles<Dim>::load(q.l, a).trace();
-      sum[1] += q.m[a] * q.p[a] / (q.rho[a] * q.rho[a]) * (q.rho_rate[a] - from_flow) * in.dt;
-      q.rho[a] += in.dt * q.rho_rate[a];
+      const Pack rate = a.load(q.rho_rate);
+      const Pack from_flow = -rho * a.load<Gradient<Dim, Pack>>(q.l).trace();
+      sum[1] += m * p_before / (rho * rho) * (rate - from_flow) * in.dt;
+      rho += in.dt * rate;
+      a.store(q.rho, rho);
     }
+    const auto energy = [&](std::size_t lane) { return eos.energy(rho[lane], rho0[lane]); };
     if (in.rho_s > 0) {  // swelling
-      const double before = eos.energy(q.rho[a], q.rho0[a]);
-      q.rho0[a] = q.dilation_state[a] * in.rho_s;
-      sum[3] += q.m[a] * (eos.energy(q.rho[a], q.rho0[a]) - before);
+      const Pack before = Pack::lane_by_lane(energy);
+      rho0 = a.load(q.dilation_state) * in.rho_s;
+      a.store(q.rho0, rho0);
+      sum[3] += m * (Pack::lane_by_lane(energy) - before);
     }
-    const double rho0 = own_rho0 ? q.rho0[a] : eos.rho0;
-    const bool pulled = q.p[a] < 0;
-    q.p[a] = eos.pressure(q.rho[a], rho0);
-    if (pulled && q.p[a] == 0 && q.rho[a] < rho0) sum[2] += q.m[a] * eos.energy_in_tension(rho0);
+    const Pack p = eos.pressure(rho, rho0);
+    a.store(q.p, p);
+    const Mask torn = (p_before < Pack(0)) & (p == Pack(0)) & (rho < rho0);
+    if (any(torn))
+      sum[2] += m * Pack::lane_by_lane(
+                        [&](std::size_t lane) { return torn[lane] ? eos.energy_in_tension(rho0[lane]) : 0; });
     // Before the first step there is no increment of strain: an elastic stress is what it was.
     if (elastic && in.dt == 0) return;
-    const Dissipation d = update_stress(q, a, stress, law, dilation, in);
-    const double volume = q.m[a] / q.rho[a];
-    sum[0] += volume * d.sheared;
-    sum[2] += volume * d.cut_off;
+    const Dissipation lost = update_stress(q, a, stress, law, dilation, in);
+    const Pack volume = m / rho;
+    sum[0] += volume * lost.sheared;
+    sum[2] += volume * lost.cut_off;
   });
-  return {sums[0], sums[1], sums[2], sums[3]};
+  return {sums[0].sum(), sums[1].sum(), sums[2].sum(), sums[3].sum()};
 }
 
 }  // namespace dem2sph

@@ -4,6 +4,8 @@
 
 #include <cmath>
 
+#include "sph/base/pack.hpp"
+
 namespace dem2sph {
 
 struct EquationOfState {
@@ -15,11 +17,13 @@ struct EquationOfState {
           ///< With 0, p is never negative. No memory: brought together again, it bears tension again.
 
   double pressure(double rho) const { return pressure(rho, rho0); }
-  /// Pressure [Pa] of a particle with a rho0 of its own.
-  double pressure(double rho, double own_rho0) const {
-    const double ratio = rho / own_rho0;
-    const double p = gamma == 1 ? K * (ratio - 1) : K / gamma * (std::pow(ratio, gamma) - 1);
-    return p < -tension ? 0 : p;  // a NaN stays one
+  /// Pressure [Pa] of a particle, or of several, with a rho0 of its own.
+  template <class Real>
+  Real pressure(const Real& rho, const Real& own_rho0) const {
+    using std::pow;
+    const Real ratio = rho / own_rho0;
+    const Real p = gamma == 1 ? K * (ratio - 1) : K / gamma * (pow(ratio, gamma) - 1);
+    return select(p < Real(-tension), Real(0), p);  // a NaN stays one
   }
   /// Density at which a pressure p >= -tension is reached.
   double density(double p) const {

@@ -15,21 +15,21 @@ void for_particles(std::size_t begin, std::size_t end, F&& f) {
   for (std::size_t i = begin; i < end; ++i) f(i);
 }
 
-/// Sums over particles: f(i, sums) adds to `sums`. Blocks of fixed size are summed by themselves and then in
-/// order.
-template <std::size_t N, class F>
-std::array<double, N> sum_over(std::size_t begin, std::size_t end, F&& f) {
+/// Sums over particles, of numbers or of packs: f(i, sums) adds to `sums`. Blocks of fixed size are summed by
+/// themselves and then in order.
+template <std::size_t N, class Real = double, class F>
+std::array<Real, N> sum_over(std::size_t begin, std::size_t end, F&& f) {
   constexpr std::size_t block = 256;
   const std::size_t blocks = (end - begin + block - 1) / block;
-  std::vector<std::array<double, N>> parts(blocks);
+  std::vector<std::array<Real, N>> parts(blocks);
 #pragma omp parallel for schedule(static)
   for (std::size_t k = 0; k < blocks; ++k) {
-    std::array<double, N> sums{};
+    std::array<Real, N> sums{};
     const std::size_t last = std::min(end, begin + (k + 1) * block);
     for (std::size_t i = begin + k * block; i < last; ++i) f(i, sums);
     parts[k] = sums;
   }
-  std::array<double, N> total{};
+  std::array<Real, N> total{};
   for (const auto& part : parts)
     for (std::size_t n = 0; n < N; ++n) total[n] += part[n];
   return total;

@@ -102,6 +102,102 @@ struct Span {
 }  // namespace
 
 template <int Dim>
+void Patches::build(const Particles<Dim>& particles, const Period<Dim>& period, double reach) {
+  // Narrow ones see the flow's shear in less of a difference, and let fast particles go less far.
+  const Grid<Dim> grid(particles, period, 1.5 * reach, 1e6 + static_cast<double>(particles.size));
+  const auto members_of = [&](std::size_t begin, std::size_t end) {
+    Binned<Dim> binned(grid, particles, begin, end);
+    return Members{std::move(binned.first), std::move(binned.member)};
+  };
+  interior_ = members_of(0, particles.interior);
+  walls_ = members_of(particles.interior, particles.size);
+  count_ = grid.cells;
+  periodic_ = grid.periodic;
+  reach_ = reach;
+  width_ = std::numeric_limits<double>::infinity();
+  for (std::size_t k = 0; k < Dim; ++k)
+    if (count_[k] > 1) width_ = std::min(width_, grid.cell.c[k]);
+  boxes_.resize(grid.count());
+}
+
+/// One of the 27 patches around a patch, itself being direction 13; the patch itself where there is none.
+std::size_t Patches::neighbour(std::size_t patch, std::size_t direction) const {
+  std::size_t result = 0, stride = 1, rest = patch;
+  for (std::size_t k = 0; k < 3; ++k, direction /= 3) {
+    const long along = static_cast<long>(rest) % count_[k];
+    rest /= static_cast<std::size_t>(count_[k]);
+    long there = along + static_cast<long>(direction % 3) - 1;
+    if (periodic_[k]) there = (there + count_[k]) % count_[k];
+    if (there < 0 || there >= count_[k]) return patch;
+    result += static_cast<std::size_t>(there) * stride;
+    stride *= static_cast<std::size_t>(count_[k]);
+  }
+  return result;
+}
+
+template <int Dim>
+bool Patches::worn_out(const Particles<Dim>& particles, const std::array<Column, std::size_t{Dim}>& listed,
+                       double skin, bool walls_move) {
+  constexpr double infinity = std::numeric_limits<double>::infinity();
+  const auto unite = [](Box a, const Box& b) {
+    for (std::size_t k = 0; k < Dim; ++k)
+      a.low[k] = std::min(a.low[k], b.low[k]), a.high[k] = std::max(a.high[k], b.high[k]);
+    a.empty = a.empty && b.empty;
+    a.unknown += b.unknown;
+    return a;
+  };
+  const auto diagonal = [](const Box& box) {
+    double square = box.unknown;
+    for (std::size_t k = 0; k < Dim && !box.empty; ++k)
+      square += (box.high[k] - box.low[k]) * (box.high[k] - box.low[k]);
+    return std::sqrt(square);
+  };
+  constexpr Box nothing{{infinity, infinity, infinity}, {-infinity, -infinity, -infinity}, true, 0};
+  constexpr Box still{{0, 0, 0}, {0, 0, 0}, false, 0};
+  for_particles(0, boxes_.size(), [&](std::size_t p) {
+    Box box = nothing;
+    const auto hold = [&](const Members& members) {
+      for (std::size_t n = members.first[p]; n < members.first[p + 1]; ++n) {
+        const auto i = static_cast<std::size_t>(members.particle[n]);
+        for (std::size_t k = 0; k < Dim; ++k) {
+          const double moved = particles.x[k][i] - listed[k][i];
+          box.low[k] = std::min(box.low[k], moved), box.high[k] = std::max(box.high[k], moved);
+          box.unknown += 0 * moved;
+        }
+        box.empty = false;
+      }
+    };
+    hold(interior_);
+    if (walls_move)
+      hold(walls_);
+    else if (walls_.first[p] < walls_.first[p + 1])
+      box = unite(box, still);
+    boxes_[p] = box;
+  });
+  Box all = nothing;
+  for (const Box& box : boxes_) all = unite(all, box);
+  // Written so that a NaN fails closed.
+  if (!(diagonal(all) < width_ - (reach_ - skin))) return true;
+  bool worn = false;
+#pragma omp parallel for schedule(static) reduction(|| : worn)
+  for (std::size_t p = 0; p < boxes_.size(); ++p) {
+    if (boxes_[p].empty) continue;
+    // Half of the directions: the other half is that of the neighbours.
+    for (std::size_t direction = Dim == 2 ? 9 : 0; direction <= 13; ++direction)
+      worn = worn || !(diagonal(unite(boxes_[p], boxes_[neighbour(p, direction)])) < skin);
+  }
+  return worn;
+}
+
+std::size_t Patches::bytes() const {
+  std::size_t total = boxes_.capacity() * sizeof(Box);
+  for (const Members* members : {&interior_, &walls_})
+    total +=
+        members->first.capacity() * sizeof(std::size_t) + members->particle.capacity() * sizeof(std::int32_t);
+  return total;
+}
+
+template <int Dim>
 void PairList::build(const Particles<Dim>& particles, const Period<Dim>& period, double reach,
                      Wanted wanted) {
   for (int k = 0; k < Dim; ++k)
@@ -126,6 +222,7 @@ void PairList::build(const Particles<Dim>& particles, const Period<Dim>& period,
                               : 0.0;
   }
   const Binned<Dim> interior(grid, particles, 0, interior_), walls(grid, particles, interior_, size_);
+  patches_.build(particles, period, reach);
   const double reach2 = reach * reach;
 
   // Appends every particle of `of` that is near a member of the cluster to the first `count` of `found`. A
@@ -287,6 +384,8 @@ std::vector<std::int32_t> spatial_order(const Particles<Dim>& particles, double 
   return order;
 }
 
+template bool Patches::worn_out(const Particles<2>&, const std::array<Column, 2>&, double, bool);
+template bool Patches::worn_out(const Particles<3>&, const std::array<Column, 3>&, double, bool);
 template void PairList::build(const Particles<2>&, const Period<2>&, double, Wanted);
 template void PairList::build(const Particles<3>&, const Period<3>&, double, Wanted);
 template std::vector<std::int32_t> spatial_order(const Particles<2>&, double);

@@ -5,9 +5,10 @@
 // its members. So a pass loads a neighbour once for all lanes, gathers nothing, and a lane that is farther
 // from it than the kernel reaches adds zero. A particle is its own neighbour, at distance zero.
 //
-// A list stays valid until some particle has moved half the skin, which is checked every step. Neighbours
-// stand interior first, then walls, so that a pass over one kind of pair has no branch. Every sum is taken by
-// its own particle, in a fixed order, so results do not depend on the number of threads.
+// A list stays valid until two particles near each other have moved towards each other by the skin, which is
+// checked every step (Patches). Neighbours stand interior first, then walls, so that a pass over one kind of
+// pair has no branch. Every sum is taken by its own particle, in a fixed order, so results do not depend on
+// the number of threads.
 #pragma once
 
 #include <algorithm>
@@ -44,6 +45,46 @@ class Neighbour {
 
  private:
   std::uint32_t packed_ = 0;
+};
+
+/// Tells when a list has worn out. A flow that carries its particles along does not wear it out: what counts
+/// is by how much the displacements of neighbours differ.
+///
+/// When a list is built, space is divided into patches. A pair that the list lacks was farther apart than
+/// support + skin. In one patch, or in two that touch, it cannot have come within the support while the
+/// displacements of all their particles lie in a box with a diagonal below the skin. A pair in patches that
+/// do not touch was a patch's width apart, and may approach by that less the support.
+class Patches {
+ public:
+  template <int Dim>
+  void build(const Particles<Dim>& particles, const Period<Dim>& period, double reach);
+  /// True once some pair may be missing that was farther apart than `reach` at `listed` and is now as near as
+  /// reach - skin; also if a displacement is not a number. Walls that stay where they were need not be looked
+  /// at.
+  template <int Dim>
+  bool worn_out(const Particles<Dim>& particles, const std::array<Column, std::size_t{Dim}>& listed,
+                double skin, bool walls_move);
+  std::size_t bytes() const;
+
+ private:
+  struct Members {
+    std::vector<std::size_t> first;  // of each patch; one more than patches
+    std::vector<std::int32_t> particle;
+  };
+  // What holds all displacements of a patch.
+  struct Box {
+    std::array<double, 3> low, high;
+    bool empty;
+    double unknown;  // NaN if one of them is
+  };
+  std::size_t neighbour(std::size_t patch, std::size_t direction) const;
+
+  Members interior_, walls_;
+  std::array<long, 3> count_{1, 1, 1};
+  std::array<bool, 3> periodic_{false, false, false};
+  double reach_ = 0;
+  double width_ = 0;  // the least one
+  std::vector<Box> boxes_;
 };
 
 class PairList {
@@ -88,6 +129,14 @@ class PairList {
     }
   }
 
+  /// True if the list may lack a pair within reach - skin of the particles where they are now, `listed` being
+  /// where they were when it was built.
+  template <int Dim>
+  bool worn_out(const Particles<Dim>& particles, const std::array<Column, std::size_t{Dim}>& listed,
+                double skin, bool walls_move) {
+    return patches_.worn_out(particles, listed, skin, walls_move);
+  }
+
   std::size_t clusters() const { return split_.size(); }
   /// Clusters of interior particles come first.
   Cluster cluster(std::size_t list) const {
@@ -120,7 +169,7 @@ class PairList {
   std::size_t pairs() const { return start_.empty() ? 0 : Pack::width * start_.back(); }
   std::size_t bytes() const {
     return neighbours_.capacity() * sizeof(Neighbour) +
-           (start_.capacity() + split_.capacity()) * sizeof(std::size_t);
+           (start_.capacity() + split_.capacity()) * sizeof(std::size_t) + patches_.bytes();
   }
 
  private:
@@ -130,6 +179,7 @@ class PairList {
   std::vector<std::size_t> start_;  // one more than clusters
   std::vector<std::size_t> split_;
   std::vector<Neighbour> neighbours_;
+  Patches patches_;
   std::array<std::array<double, 3>, Neighbour::images> shifts_{};
 };
 

@@ -2,12 +2,14 @@
 // [interior, size). The arrays of a part that is off are empty.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <string>
 #include <vector>
 
 #include "sph/base/tensor.hpp"
+#include "sph/loops.hpp"
 
 namespace dem2sph {
 
@@ -36,16 +38,16 @@ struct Cluster {
     }
     for (std::size_t lane = 0; lane < count; ++lane) column[first + lane] = value[lane];
   }
-  /// The same over all components of a field.
+  /// The same over the components of a value; a field may have room for more.
   template <class Value, std::size_t N>
   [[gnu::always_inline]] Value load(const std::array<Column, N>& columns) const {
     Value value;
-    for (std::size_t k = 0; k < N; ++k) value.c[k] = load(columns[k]);
+    for (std::size_t k = 0; k < value.c.size(); ++k) value.c[k] = load(columns[k]);
     return value;
   }
   template <class Value, std::size_t N>
   [[gnu::always_inline]] void store(std::array<Column, N>& columns, const Value& value) const {
-    for (std::size_t k = 0; k < N; ++k) store(columns[k], value.c[k]);
+    for (std::size_t k = 0; k < value.c.size(); ++k) store(columns[k], value.c[k]);
   }
   /// 1 for a particle, 0 for a lane without one.
   [[gnu::always_inline]] Pack present() const {
@@ -54,6 +56,26 @@ struct Cluster {
     return one;
   }
 };
+
+/// Particles [begin, end), Pack::width at a time, for what needs no pairs.
+class Clusters {
+ public:
+  Clusters(std::size_t begin, std::size_t end) : begin_(begin), end_(end) {}
+  std::size_t count() const { return (end_ - begin_ + Pack::width - 1) / Pack::width; }
+  Cluster operator[](std::size_t k) const {
+    const std::size_t first = begin_ + k * Pack::width;
+    return {first, std::min(Pack::width, end_ - first)};
+  }
+
+ private:
+  std::size_t begin_, end_;
+};
+/// Calls f(cluster) for the particles [begin, end), in parallel.
+template <class F>
+void for_clusters(std::size_t begin, std::size_t end, F&& f) {
+  const Clusters clusters(begin, end);
+  for_particles(0, clusters.count(), [&](std::size_t k) { f(clusters[k]); });
+}
 
 template <int Dim>
 struct Particles {
@@ -75,7 +97,8 @@ struct Particles {
   /// known. Then `bracket` stands in its place, so that a particle needs room for one of them.
   Columns<square> l;
 
-  // What the passes over pairs read, so that no pair divides.
+  // What the passes over pairs read, so that no pair divides. Made anew before they run: no part of the
+  // state.
   Column volume;  ///< m/rho [m^3]
 
   // What only some parts need.
@@ -107,7 +130,7 @@ struct Particles {
     wall.resize(total, -1);
   }
 
-  /// Calls f(name, unit, array) for every array of numbers: sorting, checkpoints and memory counts use it.
+  /// Calls f(name, unit, array) for every array of the state: sorting, checkpoints and memory counts use it.
   template <class F>
   void arrays(F&& f) {
     const auto each = [&](const char* name, const char* unit, auto& columns) {
@@ -122,7 +145,6 @@ struct Particles {
     each("s", "Pa", s);
     f("gamma_dot", "1/s", gamma_dot);
     each("l", "1/s", l);
-    f("volume", "m^3", volume);
     f("rho_tilde", "kg/m^3", rho_tilde);
     f("rho_rate", "kg/m^3/s", rho_rate);
     f("rho0", "kg/m^3", rho0);
@@ -135,49 +157,37 @@ struct Particles {
     f("lambda", "1", lambda);
   }
 
-  static Vec<Dim> load(const Columns<Dim>& field, std::size_t i) {
-    Vec<Dim> value;
-    for (std::size_t k = 0; k < Dim; ++k) value.c[k] = field[k][i];
-    return value;
-  }
-  static void store(Columns<Dim>& field, std::size_t i, const Vec<Dim>& value) {
-    for (std::size_t k = 0; k < Dim; ++k) field[k][i] = value.c[k];
-  }
+  static Vec<Dim> load(const Columns<Dim>& field, std::size_t i) { return value_of<Vec<Dim>>(field, i); }
+  static void store(Columns<Dim>& field, std::size_t i, const Vec<Dim>& value) { set_value(field, i, value); }
   static Gradient<Dim> load(const Columns<square>& field, std::size_t i) {
-    Gradient<Dim> value;
-    for (std::size_t k = 0; k < square; ++k) value.c[k] = field[k][i];
-    return value;
+    return value_of<Gradient<Dim>>(field, i);
   }
   static void store(Columns<square>& field, std::size_t i, const Gradient<Dim>& value) {
-    for (std::size_t k = 0; k < square; ++k) field[k][i] = value.c[k];
+    set_value(field, i, value);
   }
   Vec<Dim, Pack> position(const Cluster& of) const { return of.load<Vec<Dim, Pack>>(x); }
   Vec<Dim, Pack> velocity(const Cluster& of) const { return of.load<Vec<Dim, Pack>>(v); }
-  Sym<Dim, Pack> deviator(const Cluster& of) const { return of.load<Sym<Dim, Pack>>(s); }
   Vec<Dim> position(std::size_t i) const { return load(x, i); }
   Vec<Dim> velocity(std::size_t i) const { return load(v, i); }
   Vec<Dim> acceleration(std::size_t i) const { return load(a, i); }
-  Sym<Dim> deviator(std::size_t i) const {
-    Sym<Dim> value;
-    for (std::size_t k = 0; k < Sym<Dim>::size; ++k) value.c[k] = s[k][i];
-    return value;
-  }
+  Sym<Dim, Pack> deviator(const Cluster& of) const { return of.load<Sym<Dim, Pack>>(s); }
+  Sym<Dim> deviator(std::size_t i) const { return value_of<Sym<Dim>>(s, i); }
+  void set_deviator(std::size_t i, const Sym<Dim>& value) { set_value(s, i, value); }
   /// sigma/rho^2 of Eq. 5.20, tension positive [m^5/(kg s^2)].
-  Sym<Dim> bracket(std::size_t i) const {
-    Sym<Dim> value;
-    for (std::size_t k = 0; k < Sym<Dim>::size; ++k) value.c[k] = l[k][i];
+  Sym<Dim> bracket(std::size_t i) const { return value_of<Sym<Dim>>(l, i); }
+  Sym<Dim, Pack> bracket(const Cluster& of) const { return of.load<Sym<Dim, Pack>>(l); }
+
+ private:
+  /// The components of a particle's value stand in the first arrays of a field, which may have more.
+  template <class Value, std::size_t N>
+  [[gnu::always_inline]] static Value value_of(const Columns<N>& field, std::size_t i) {
+    Value value;
+    for (std::size_t k = 0; k < value.c.size(); ++k) value.c[k] = field[k][i];
     return value;
   }
-  Sym<Dim, Pack> bracket(const Cluster& of) const {
-    Sym<Dim, Pack> value;
-    for (std::size_t k = 0; k < Sym<Dim>::size; ++k) value.c[k] = of.load(l[k]);
-    return value;
-  }
-  void set_bracket(std::size_t i, const Sym<Dim>& value) {
-    for (std::size_t k = 0; k < Sym<Dim>::size; ++k) l[k][i] = value.c[k];
-  }
-  void set_deviator(std::size_t i, const Sym<Dim>& value) {
-    for (std::size_t k = 0; k < Sym<Dim>::size; ++k) s[k][i] = value.c[k];
+  template <class Value, std::size_t N>
+  [[gnu::always_inline]] static void set_value(Columns<N>& field, std::size_t i, const Value& value) {
+    for (std::size_t k = 0; k < value.c.size(); ++k) field[k][i] = value.c[k];
   }
 };
 

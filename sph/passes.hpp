@@ -155,13 +155,13 @@ Vec<Dim> seen_wall_velocity(const Particles<Dim>& q, const Surroundings<Dim>& ar
 /// Volumes m/rho of all particles, for the passes that follow.
 template <int Dim>
 void volume_pass(Particles<Dim>& q) {
-  for_particles(0, q.size, [&](std::size_t i) { q.volume[i] = q.m[i] / q.rho[i]; });
+  for_clusters(0, q.size, [&](const Cluster& a) { a.store(q.volume, a.load(q.m) / a.load(q.rho)); });
 }
 /// sigma/rho^2 of all particles, for the momentum pass.
 template <int Dim>
 void bracket_pass(Particles<Dim>& q) {
-  for_particles(0, q.size, [&](std::size_t i) {
-    q.set_bracket(i, stress_over_density_squared(q.deviator(i), q.p[i], q.rho[i]));
+  for_clusters(0, q.size, [&](const Cluster& a) {
+    a.store(q.l, stress_over_density_squared(q.deviator(a), a.load(q.p), a.load(q.rho)));
   });
 }
 

@@ -96,6 +96,7 @@ class Solver final : public Flow {
     const_cast<Solver*>(this)->arrays([&](const char* name, const char* unit, Column& values) {
       add(name, unit, values.capacity() * sizeof(double));
     });
+    add("volume", "m^3", q_.volume.capacity() * sizeof(double));
     add("id", "1", q_.id.capacity() * sizeof(std::int64_t));
     add("wall", "1", q_.wall.capacity() * sizeof(std::int64_t));
     return result;
@@ -286,7 +287,7 @@ class Solver final : public Flow {
             const std::string& note) const override {
     Hdf5Writer file(path);
     file.attribute("/", "format", std::string("dem2sph-checkpoint"));
-    file.attribute("/", "schema_version", std::int64_t{2});
+    file.attribute("/", "schema_version", std::int64_t{3});
     file.attribute("/", "key", key);
     file.attribute("/", "note", note);
     file.attribute("/", "steps", std::int64_t{steps_});
@@ -302,7 +303,7 @@ class Solver final : public Flow {
   }
 
   std::string load(const std::filesystem::path& path, const std::string& key) override {
-    const Hdf5Reader file(path, "dem2sph-checkpoint", 2);
+    const Hdf5Reader file(path, "dem2sph-checkpoint", 3);
     if (file.text_attribute("/", "key") != key)
       throw InputError(fmt::format(
           "{}: is a checkpoint of another case, law or version; use --force to start anew", path.string()));
@@ -352,7 +353,6 @@ class Solver final : public Flow {
   void allocate() {
     const bool own = own_wall_state();
     const std::size_t stressed = own ? q_.size : q_.interior;
-
     std::visit(
         [&]<class D>(const D&) {
           if constexpr (std::is_same_v<D, SummationShepard>) q_.rho_tilde.assign(q_.size, 0.0);
@@ -460,12 +460,12 @@ class Solver final : public Flow {
   /// flow to slow down and its ringing should die away.
   void limit_damping(double c0) {
     const bool elastic = std::holds_alternative<ElasticReturn>(parts_.stress);
-    for_particles(0, q_.interior, [&](std::size_t a) {
-      const Gradient<Dim> l = Particles<Dim>::load(q_.l, a);
-      const double compression = std::abs(l.trace());
-      const double shear = shear_rate(deviator(strain_rate(l)));
-      const bool stands = elastic && q_.gamma_dot[a] == 0;
-      q_.limiter[a] = stands ? 1 : compression / (compression + shear + 1e-4 * c0 / setup_.h);
+    for_clusters(0, q_.interior, [&](const Cluster& a) {
+      const auto l = a.load<Gradient<Dim, Pack>>(q_.l);
+      const Pack compression = positive(l.trace()) - negative(l.trace());
+      const Pack shear = shear_rate(deviator(strain_rate(l)));
+      const Pack limiter = compression / (compression + shear + 1e-4 * c0 / setup_.h);
+      a.store(q_.limiter, elastic ? select(a.load(q_.gamma_dot) == Pack(0), Pack(1), limiter) : limiter);
     });
   }
 
@@ -508,10 +508,12 @@ class Solver final : public Flow {
         parts_.stress, parts_.friction);
   }
 
+  /// Wall particle w shows the velocity of its wall.
+  void show_own_velocity(std::size_t w) {
+    Particles<Dim>::store(q_.v, w, wall_of(q_, around(), w).velocity_at(q_.position(w)));
+  }
   void set_wall_velocity() {
-    for_particles(q_.interior, q_.size, [&](std::size_t w) {
-      Particles<Dim>::store(q_.v, w, wall_of(q_, around(), w).velocity_at(q_.position(w)));
-    });
+    for_particles(q_.interior, q_.size, [&](std::size_t w) { show_own_velocity(w); });
   }
 
   // ---- lists and order
@@ -554,7 +556,7 @@ class Solver final : public Flow {
     list_.for_walls([&](const Cluster& a) {
       if (list_.sees_interior(a)) return;
       for (std::size_t w = a.first; w < a.first + a.count; ++w) {
-        Particles<Dim>::store(q_.v, w, wall_of(q_, around(), w).velocity_at(q_.position(w)));
+        show_own_velocity(w);
         q_.p[w] = 0;
         q_.rho[w] = setup_.eos.density(0);
         q_.set_deviator(w, S{});
@@ -562,25 +564,12 @@ class Solver final : public Flow {
     });
   }
   double largest_shift() const { return 0.02 * setup_.dx; }
-  /// True once two particles together may have moved by the skin.
-  bool list_is_stale() const {
-    const double limit =
-        0.5 * (reach() * setup_.skin / (1 + setup_.skin)) - (shifting() ? largest_shift() : 0);
-    const double limit2 = limit * limit;
-    double largest = 0;
-    bool broken = false;
-#pragma omp parallel for schedule(static) reduction(max : largest) reduction(|| : broken)
-    for (std::size_t i = 0; i < (wall_forces_.moving ? q_.size : q_.interior); ++i) {
-      double moved = 0;
-      for (std::size_t k = 0; k < Dim; ++k) {
-        const double step = q_.x[k][i] - listed_x_[k][i];
-        moved += step * step;
-      }
-      largest = std::max(largest, moved);
-      broken = broken || !(moved <= 1e300);
-    }
-    if (broken) name_broken_particle();
-    return largest > limit2;
+  bool list_is_stale() {
+    const double skin = reach() * setup_.skin / (1 + setup_.skin) - (shifting() ? 2 * largest_shift() : 0);
+    if (!list_.worn_out(q_, listed_x_, skin, wall_forces_.moving)) return false;
+    for (std::size_t i = 0; i < q_.size; ++i)
+      if (!(dot(q_.position(i), q_.position(i)) <= 1e300)) name_broken_particle();
+    return true;
   }
   void sort_particles() {
     const std::vector<std::int32_t> order = spatial_order(q_, setup_.dx);
@@ -788,6 +777,7 @@ class Solver final : public Flow {
   void shift(double dt) {
     std::array<Column, static_cast<std::size_t>(Dim)> shifts;
     for (Column& c : shifts) c.resize(q_.interior);
+    volume_pass(q_);
     with_kernel([&](const auto& kernel) {
       moment_pass(q_, around(), kernel);
       shifting_pass(q_, around(), kernel, setup_.dx, largest_speed_ * dt, largest_shift(), shifts);

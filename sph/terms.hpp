@@ -131,12 +131,12 @@ template <int Dim, class Real>
 }
 
 /// Q s Q^T for an orthogonal Q of the plane or of space; the zz of plane strain stays.
-template <int Dim>
-Sym<Dim> transform(const Sym<Dim>& s, const double (&q)[Dim][Dim]) {
-  Sym<Dim> result = s;
+template <int Dim, class Real>
+[[gnu::always_inline]] inline Sym<Dim, Real> transform(const Sym<Dim, Real>& s, const Real (&q)[Dim][Dim]) {
+  Sym<Dim, Real> result = s;
   for (int i = 0; i < Dim; ++i)
     for (int j = i; j < Dim; ++j) {
-      double sum = 0;
+      Real sum = 0;
       for (int k = 0; k < Dim; ++k)
         for (int m = 0; m < Dim; ++m) sum += q[i][k] * s(k, m) * q[j][m];
       result(i, j) = sum;
@@ -146,22 +146,24 @@ Sym<Dim> transform(const Sym<Dim>& s, const double (&q)[Dim][Dim]) {
 
 /// Rotates a stress by the spin W over dt: Hughes and Winget (1980), an exact rotation for every dt, so that
 /// its norm is kept to rounding. w(i, j) = (L_ij - L_ji)/2.
-template <int Dim>
-Sym<Dim> rotate(const Sym<Dim>& s, const Gradient<Dim>& l, double dt) {
+template <int Dim, class Real>
+[[gnu::always_inline]] inline Sym<Dim, Real> rotate(const Sym<Dim, Real>& s, const Gradient<Dim, Real>& l,
+                                                    double dt) {
   // Q = 1 + 2 (A + A^2)/(1 + |a|^2) with A = W dt/2 (Cayley).
-  double a[Dim][Dim];
-  double square = 0;
+  Real a[Dim][Dim];
+  Real square = 0;
   for (int i = 0; i < Dim; ++i)
     for (int j = 0; j < Dim; ++j) {
       a[i][j] = 0.25 * dt * (l(i, j) - l(j, i));
       square += 0.5 * a[i][j] * a[i][j];
     }
-  double q[Dim][Dim];
+  const Real scale = 2 / (1 + square);
+  Real q[Dim][Dim];
   for (int i = 0; i < Dim; ++i)
     for (int j = 0; j < Dim; ++j) {
-      double a2 = 0;
+      Real a2 = 0;
       for (int k = 0; k < Dim; ++k) a2 += a[i][k] * a[k][j];
-      q[i][j] = (i == j ? 1.0 : 0.0) + 2 * (a[i][j] + a2) / (1 + square);
+      q[i][j] = (i == j ? 1.0 : 0.0) + scale * (a[i][j] + a2);
     }
   return transform(s, q);
 }

@@ -31,6 +31,20 @@ struct Mask {
   [[gnu::always_inline]] bool operator[](std::size_t lane) const {
     return part[lane / Lanes::in_part][lane % Lanes::in_part] != 0;
   }
+  [[gnu::always_inline]] friend Mask operator&(Mask a, const Mask& b) {
+    for (std::size_t k = 0; k < Lanes::parts; ++k) a.part[k] &= b.part[k];
+    return a;
+  }
+  [[gnu::always_inline]] friend Mask operator|(Mask a, const Mask& b) {
+    for (std::size_t k = 0; k < Lanes::parts; ++k) a.part[k] |= b.part[k];
+    return a;
+  }
+  /// True in some lane.
+  [[gnu::always_inline]] friend bool any(const Mask& m) {
+    for (std::size_t lane = 0; lane < Lanes::width; ++lane)
+      if (m[lane]) return true;
+    return false;
+  }
 };
 
 class Pack {
@@ -96,6 +110,16 @@ class Pack {
     return mask;
   }
   [[gnu::always_inline]] friend Mask operator>(Pack a, Pack b) { return b < a; }
+  [[gnu::always_inline]] friend Mask operator<=(Pack a, Pack b) {
+    Mask mask;
+    for (std::size_t k = 0; k < Lanes::parts; ++k) mask.part[k] = (Lanes::Bits)(a.part_[k] <= b.part_[k]);
+    return mask;
+  }
+  [[gnu::always_inline]] friend Mask operator==(Pack a, Pack b) {
+    Mask mask;
+    for (std::size_t k = 0; k < Lanes::parts; ++k) mask.part[k] = (Lanes::Bits)(a.part_[k] == b.part_[k]);
+    return mask;
+  }
 
   [[gnu::always_inline]] friend Pack select(Mask m, Pack yes, Pack no) {
     Pack result;
@@ -108,6 +132,17 @@ class Pack {
       for (std::size_t lane = 0; lane < Lanes::in_part; ++lane)
         root.part_[k][lane] = std::sqrt(a.part_[k][lane]);
     return root;
+  }
+
+  /// f(lane) in every lane: for what takes one number at a time.
+  template <class F>
+  [[gnu::always_inline]] static Pack lane_by_lane(F&& f) {
+    Pack result;
+    for (std::size_t lane = 0; lane < width; ++lane) result.set(lane, f(lane));
+    return result;
+  }
+  friend Pack pow(const Pack& a, double exponent) {
+    return lane_by_lane([&](std::size_t lane) { return std::pow(a[lane], exponent); });
   }
 
  private:

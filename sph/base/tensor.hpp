@@ -136,32 +136,34 @@ template <int Dim>
 }
 
 /// D = sym(L), Eq. 5.2 (reconstructed, standard).
-template <int Dim>
-Sym<Dim> strain_rate(const Gradient<Dim>& l) {
-  Sym<Dim> d;
+template <int Dim, class Real>
+[[gnu::always_inline]] inline Sym<Dim, Real> strain_rate(const Gradient<Dim, Real>& l) {
+  Sym<Dim, Real> d;
   for (int i = 0; i < Dim; ++i)
     for (int j = i; j < Dim; ++j) d(i, j) = 0.5 * (l(i, j) + l(j, i));
   return d;
 }
 
 /// D' = D - tr(D)/3, with the 3 of three dimensions in plane strain too.
-template <int Dim>
-Sym<Dim> deviator(Sym<Dim> d) {
-  const double mean = d.trace() / 3;
+template <int Dim, class Real>
+[[gnu::always_inline]] inline Sym<Dim, Real> deviator(Sym<Dim, Real> d) {
+  const Real mean = d.trace() / 3;
   for (int i = 0; i < 3; ++i) d[i] -= mean;
   return d;
 }
 
 /// Shear rate |g| = sqrt(2 D':D') [1/s]: in simple shear, the velocity gradient.
-template <int Dim>
-double shear_rate(const Sym<Dim>& deviatoric_rate) {
-  return std::sqrt(2 * deviatoric_rate.square());
+template <int Dim, class Real>
+[[gnu::always_inline]] inline Real shear_rate(const Sym<Dim, Real>& deviatoric_rate) {
+  using std::sqrt;
+  return sqrt(2 * deviatoric_rate.square());
 }
 
 /// Equivalent shear stress tau = sqrt(s:s/2) [Pa].
-template <int Dim>
-double equivalent_stress(const Sym<Dim>& s) {
-  return std::sqrt(0.5 * s.square());
+template <int Dim, class Real>
+[[gnu::always_inline]] inline Real equivalent_stress(const Sym<Dim, Real>& s) {
+  using std::sqrt;
+  return sqrt(0.5 * s.square());
 }
 
 }  // namespace dem2sph

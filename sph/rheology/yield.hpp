@@ -6,6 +6,9 @@
 // g,  tau = mu(I(g)) p + c. For the rational laws with frozen beta this is a quadratic with the closed form
 // below; for other laws, and with beta evolving, where g decides phi and beta as well, the same equation is
 // solved by a safeguarded Newton, so that no feedback lags by a step.
+//
+// `Real` is double, or a kind of number with several lanes: then what would be a branch is a `choice`, and
+// each lane gets its own.
 #pragma once
 
 #include <cmath>
@@ -23,10 +26,25 @@ struct Grains {
 };
 
 /// Result of a return: equivalent stress [Pa] and plastic shear rate [1/s].
+template <class Real = double>
 struct Returned {
-  double tau = 0;
-  double gamma_dot = 0;
+  Real tau = 0;
+  Real gamma_dot = 0;
 };
+
+/// `yes` where m holds, else `no`. Numbers with lanes bring a `select` of their own.
+template <class Truth, class Real>
+Real choice(const Truth& m, const Real& yes, const Real& no) {
+  if constexpr (std::is_same_v<Truth, bool>)
+    return m ? yes : no;
+  else
+    return select(m, yes, no);
+}
+/// The first within the surface, the second beyond it.
+template <class Truth, class Real>
+Returned<Real> choice(const Truth& m, const Returned<Real>& yes, const Returned<Real>& no) {
+  return {choice(m, yes.tau, no.tau), choice(m, yes.gamma_dot, no.gamma_dot)};
+}
 
 /// Strength mu(I, g, beta) p + c [Pa] at the plastic rate gamma_dot [1/s] with frozen beta. Where p = 0 only
 /// the cohesion is left: mu is not evaluated there, I would be infinite.
@@ -38,36 +56,51 @@ double strength(const Law& law, const Grains& grains, double gamma_dot, double p
   return (steady_friction(law, I, gamma_dot) + beta) * p + cohesion;
 }
 
+/// Closed form for a strength S that no rate changes. Below zero it is none: a stress has no sign. Like those
+/// below it is written so that a NaN fails closed: a trial that cannot be compared is not taken for elastic.
+template <class Real>
+Returned<Real> return_constant(const std::type_identity_t<Real>& S, const Real& tau_trial, double G_dt) {
+  const Real tau = choice(S < Real(0), Real(0), S) + 0 * tau_trial;  // a NaN of the trial shows
+  return choice(tau_trial <= S, Returned<Real>{tau_trial, Real(0)},
+                Returned<Real>{tau, (tau_trial - tau) / G_dt});
+}
+
 /// Closed form for a strength S0 + (S2 - S0) G dt g/(G dt g + alpha) [Pa], with S0 that at rest, S2 that at
 /// very fast shear, and alpha [Pa] the stress G dt g at which half of the range is reached.
-/// Written so that a NaN fails closed: a trial that cannot be compared is not taken for elastic.
-inline Returned return_hyperbolic(double S0, double S2, double alpha, double tau_trial, double G_dt) {
-  if (tau_trial <= S0) return {tau_trial, 0};
+template <class Real>
+Returned<Real> return_hyperbolic(const std::type_identity_t<Real>& S0, const std::type_identity_t<Real>& S2,
+                                 const std::type_identity_t<Real>& alpha, const Real& tau_trial,
+                                 double G_dt) {
+  using std::sqrt;
   // In units of the largest stress, so that no product of two stresses underflows as p -> 0.
-  double unit = tau_trial;
-  if (S2 > unit) unit = S2;
-  if (alpha > unit) unit = alpha;
-  const double part = alpha / unit;
-  const double B = (S2 + tau_trial + alpha) / unit;
-  const double H = S2 * (tau_trial / unit) + S0 * part;
+  Real unit = tau_trial;
+  unit = choice(S2 > unit, S2, unit);
+  unit = choice(alpha > unit, alpha, unit);
+  const Real part = alpha / unit;
+  const Real B = (S2 + tau_trial + alpha) / unit;
+  const Real H = S2 * (tau_trial / unit) + S0 * part;
   // B^2 - 4 H, and the drop x = tau_trial - tau from x^2 + c x - (tau_trial - S0) alpha = 0, without the
   // differences of nearly equal numbers that would make the root NaN, or the rate noise, where alpha is small
   // or tau_trial near S2.
-  const double c = (alpha + S2 - tau_trial) / unit;
-  const double product = (tau_trial - S0) * part;
-  const double root = std::sqrt(c * c + 4 * (product / unit));
-  const double tau = 2 * H / (B + root);
-  if (tau < 0)
-    return {0, tau_trial / G_dt};  // beta below -mu: there is no strength, and a stress has no sign
-  const double drop = c > 0 ? 2 * product / (c + root) : 0.5 * (root - c) * unit;
-  return {tau, drop / G_dt};
+  const Real c = (alpha + S2 - tau_trial) / unit;
+  const Real product = (tau_trial - S0) * part;
+  const Real root = sqrt(c * c + 4 * (product / unit));
+  const Real tau = 2 * H / (B + root);
+  const Real drop = choice(c > Real(0), 2 * product / (c + root), 0.5 * (root - c) * unit);
+  // With beta below -mu there is no strength, and a stress has no sign.
+  const Returned<Real> flowing =
+      choice(tau < Real(0), Returned<Real>{Real(0), tau_trial / G_dt}, Returned<Real>{tau, drop / G_dt});
+  return choice(tau_trial <= S0, Returned<Real>{tau_trial, Real(0)}, flowing);
 }
 
 /// Closed form for the rational law with frozen beta. p >= 0 [Pa], G_dt = G dt [Pa s], cohesion [Pa].
-inline Returned return_rational(const RationalFriction<double>& law, const Grains& grains, double tau_trial,
-                                double p, double G_dt, double beta, double cohesion) {
+template <class Real>
+Returned<Real> return_rational(const RationalFriction<double>& law, const Grains& grains,
+                               const Real& tau_trial, const std::type_identity_t<Real>& p, double G_dt,
+                               const std::type_identity_t<Real>& beta, double cohesion) {
+  using std::sqrt;
   return return_hyperbolic((law.mu_l + beta) * p + cohesion, (law.mu_h + beta) * p + cohesion,
-                           G_dt * law.D_star * std::sqrt(p / grains.rho_s) / grains.d, tau_trial, G_dt);
+                           G_dt * law.D_star / grains.d * sqrt(p / grains.rho_s), tau_trial, G_dt);
 }
 
 /// Slower than this [1/s] is no motion: a law without a yield stress carries less than its strength at this
@@ -79,7 +112,7 @@ inline constexpr double gamma_dot_of_rest = 1e-290;
 /// be, so 200 turns always suffice. A bracket over decades is halved in its logarithm: the rate of a creep
 /// law may be 1e-200 of what the trial allows.
 template <class Strength>
-Returned return_by_newton(double tau_trial, double G_dt, const Strength& strength_at) {
+Returned<> return_by_newton(double tau_trial, double G_dt, const Strength& strength_at) {
   double low = gamma_dot_of_rest;
   if (tau_trial <= strength_at(low)) return {tau_trial, 0};
   double high = tau_trial / G_dt;
@@ -114,27 +147,29 @@ Returned return_by_newton(double tau_trial, double G_dt, const Strength& strengt
   return {tau < 0 ? 0 : tau > tau_trial ? tau_trial : tau, g};
 }
 
+/// Laws with a closed return. They are plain arithmetic too, so that `Real` may have lanes.
+template <class Law>
+inline constexpr bool has_closed_return =
+    std::is_same_v<Law, ConstantFriction<double>> || std::is_same_v<Law, RationalFriction<double>> ||
+    std::is_same_v<Law, RationalRateFriction<double>>;
+
 /// The return for any friction law with frozen beta: in closed form where there is one. tau_trial and
 /// cohesion [Pa], p >= 0 [Pa] (in tension there is no strength to return to: the caller cuts it off), G_dt =
 /// G dt [Pa s].
-template <class Law>
-Returned return_to_yield(const Law& law, const Grains& grains, double tau_trial, double p, double G_dt,
-                         double beta, double cohesion) {
-  if constexpr (std::is_same_v<Law, ConstantFriction<double>>) {
-    const double S0 = (law.mu + beta) * p + cohesion;
-    if (tau_trial <= S0) return {tau_trial, 0};
-    if (std::isnan(tau_trial)) return {tau_trial, tau_trial};
-    const double tau = S0 < 0 ? 0 : S0;
-    return {tau, (tau_trial - tau) / G_dt};
-  } else if constexpr (std::is_same_v<Law, RationalFriction<double>>) {
+template <class Law, class Real>
+Returned<Real> return_to_yield(const Law& law, const Grains& grains, const Real& tau_trial,
+                               const std::type_identity_t<Real>& p, double G_dt,
+                               const std::type_identity_t<Real>& beta, double cohesion) {
+  if constexpr (std::is_same_v<Law, ConstantFriction<double>>)
+    return return_constant((law.mu + beta) * p + cohesion, tau_trial, G_dt);
+  else if constexpr (std::is_same_v<Law, RationalFriction<double>>)
     return return_rational(law, grains, tau_trial, p, G_dt, beta, cohesion);
-  } else if constexpr (std::is_same_v<Law, RationalRateFriction<double>>) {
+  else if constexpr (std::is_same_v<Law, RationalRateFriction<double>>)
     return return_hyperbolic((law.mu_l + beta) * p + cohesion, (law.mu_h + beta) * p + cohesion,
-                             G_dt * law.D_star, tau_trial, G_dt);
-  } else {
+                             Real(G_dt * law.D_star), tau_trial, G_dt);
+  else
     return return_by_newton(tau_trial, G_dt,
                             [&](double g) { return strength(law, grains, g, p, beta, cohesion); });
-  }
 }
 
 /// What of beta enters mu: a share of it, within limits. A state that evolves is never clipped.
@@ -142,9 +177,10 @@ struct DilationLimits {
   double lowest = -0.5;
   double highest = 0.5;
   double share = 1;  ///< as measured in DEM; 1 is Eq. 5.7
-  double operator()(double beta) const {
-    const double part = share * beta;
-    return part < lowest ? lowest : part > highest ? highest : part;  // NaN stays
+  template <class Real>
+  Real operator()(const Real& beta) const {
+    const Real part = share * beta;  // a NaN stays one
+    return choice(part < Real(lowest), Real(lowest), choice(part > Real(highest), Real(highest), part));
   }
 };
 
@@ -203,8 +239,10 @@ struct PrintedDilation {
 
 /// beta straight from the velocity field, Eq. 5.13 (reconstructed), its limits given in words: tr(D)/|g|, no
 /// less than 0 and no more than 0.5; 0 where nothing shears. trace and gamma_dot in 1/s.
-inline double direct_dilation(double trace, double gamma_dot, const DilationLimits& limits = {0, 0.5}) {
-  return gamma_dot <= 0 ? 0 : limits(trace / gamma_dot);
+template <class Real>
+Real direct_dilation(const Real& trace, const std::type_identity_t<Real>& gamma_dot,
+                     const DilationLimits& limits = {0, 0.5}) {
+  return choice(gamma_dot <= Real(0), Real(0), limits(trace / gamma_dot));
 }
 
 }  // namespace dem2sph

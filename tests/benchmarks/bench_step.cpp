@@ -2,27 +2,14 @@
 #include <benchmark/benchmark.h>
 #include <fmt/format.h>
 
-#include <map>
+#include <cmath>
 #include <memory>
 
-#include "sph/flow.hpp"
-#include "sph/scene.hpp"
 #include "tests/benchmarks/yardstick.hpp"
+#include "tests/sph/flow_fixture.hpp"
 
 namespace dem2sph {
 namespace {
-
-constexpr const char* law = R"(
-[law]
-d = "5 mm"
-rho_s = "2500 kg/m^3"
-mu_l = 0.38
-mu_h = 0.64
-D_star = 0.279
-phi_c = 0.6
-b = 0.2
-s_star = 0.3
-)";
 
 /// A bed of `rows` particles on a rough slope that flows with its exact profile, about `particles` in all,
 /// with as many neighbours as the yardstick: support 2.4 dx.
@@ -36,10 +23,8 @@ std::unique_ptr<Flow> slope(std::size_t particles, const std::string& formulatio
       "formulation = \"{}\"\nh_over_dx = 1.2\n{}\n[incline]\nheight = \"{} m\"\nangle = \"25 deg\"\n"
       "length = \"{} m\"\n{}start = \"bagnold\"\n{}",
       rows, Dim, formulation, more, rows * dx, std::round(along) * dx,
-      Dim == 3 ? fmt::format("width = \"{} m\"\n", std::round(along) * dx) : "", law);
-  CaseFile file = CaseFile::parse(text, "benchmark.toml", {});
-  file.validate(flow_tables());
-  return make_flow<Dim>(make_setup<Dim>(file, law_of_case(file)));
+      Dim == 3 ? fmt::format("width = \"{} m\"\n", std::round(along) * dx) : "", glass_beads);
+  return flow_of<Dim>(case_of(text));
 }
 
 template <int Dim>

@@ -399,14 +399,14 @@ TEST(Dilation, WithoutPressureBetaStaysFinite) {
 
 TEST(DirectDilation, IsTheRateOfVolumeOverTheRateOfShearWithinItsLimits) {
   EXPECT_EQ(direct_dilation(0.3, 2), 0.15);
-  EXPECT_EQ(direct_dilation(3, 2), 0.5);
+  EXPECT_EQ(direct_dilation(3.0, 2), 0.5);
   EXPECT_EQ(direct_dilation(-0.3, 2), 0);
   EXPECT_EQ(direct_dilation(-0.3, 2, {-0.5, 0.5}), -0.15);
   EXPECT_EQ(direct_dilation(0.3, 0), 0);
-  EXPECT_EQ(direct_dilation(0, 0), 0);
+  EXPECT_EQ(direct_dilation(0.0, 0), 0);
   EXPECT_EQ(direct_dilation(1e300, 1e-300), 0.5);
   EXPECT_TRUE(std::isnan(direct_dilation(nan_value, 2)));
-  EXPECT_TRUE(std::isnan(direct_dilation(2, nan_value)));
+  EXPECT_TRUE(std::isnan(direct_dilation(2.0, nan_value)));
 }
 
 }  // namespace

@@ -6,7 +6,9 @@
 #include <cmath>
 #include <limits>
 #include <random>
+#include <vector>
 
+#include "sph/base/pack.hpp"
 #include "sph/base/tensor.hpp"
 #include "sph/rheology/yield.hpp"
 
@@ -25,8 +27,8 @@ struct State {
   double strength(double g) const {
     return friction(law, inertial_number(g, p, grains.d, grains.rho_s), beta) * p + cohesion;
   }
-  Returned closed() const { return return_rational(law, grains, tau_trial, p, G_dt, beta, cohesion); }
-  Returned newton() const {
+  Returned<> closed() const { return return_rational(law, grains, tau_trial, p, G_dt, beta, cohesion); }
+  Returned<> newton() const {
     return return_by_newton(tau_trial, G_dt, [this](double g) { return strength(g); });
   }
 };
@@ -56,8 +58,8 @@ void for_many_states(int count, const Action& action) {
 
 TEST(ReturnRational, AgreesWithNewtonAndLiesOnTheSurface) {
   for_many_states(20000, [](const State& x) {
-    const Returned closed = x.closed();
-    const Returned newton = x.newton();
+    const Returned<> closed = x.closed();
+    const Returned<> newton = x.newton();
     ASSERT_TRUE(std::isfinite(closed.tau) && std::isfinite(closed.gamma_dot));
     ASSERT_GT(closed.gamma_dot, 0);
     ASSERT_GE(closed.tau, x.S0() * (1 - 4 * eps));
@@ -82,11 +84,11 @@ TEST(ReturnRational, ByHand) {
   // mu 0.4 to 0.8, D* = 1, p = 1, d/sqrt(p/rho) = 1 s, G dt = 1, no cohesion: S0 = 0.4, S2 = 0.8, alpha = 1.
   // From a trial of 1.6: tau = 0.4 + 0.4 g/(g + 1) and tau = 1.6 - g, so g^2 + 0.2... : g = 1 gives 0.6 =
   // 0.6.
-  const Returned r = return_rational({0.4, 0.8, 1}, {1, 1}, 1.6, 1, 1, 0, 0);
+  const Returned<> r = return_rational({0.4, 0.8, 1}, {1, 1}, 1.6, 1, 1, 0, 0);
   EXPECT_NEAR(r.tau, 0.6, 4 * eps);
   EXPECT_NEAR(r.gamma_dot, 1, 8 * eps);
   // beta and cohesion shift the strength: p = 1, beta = 0.1 and c = 0.1 need a trial higher by 0.2.
-  const Returned shifted = return_rational({0.4, 0.8, 1}, {1, 1}, 1.8, 1, 1, 0.1, 0.1);
+  const Returned<> shifted = return_rational({0.4, 0.8, 1}, {1, 1}, 1.8, 1, 1, 0.1, 0.1);
   EXPECT_NEAR(shifted.tau, 0.8, 4 * eps);
   EXPECT_NEAR(shifted.gamma_dot, 1, 8 * eps);
 }
@@ -94,7 +96,7 @@ TEST(ReturnRational, ByHand) {
 TEST(ReturnRational, InsideTheSurfaceNothingChanges) {
   for_many_states(1000, [](State x) {
     x.tau_trial = 0.999 * x.S0();
-    for (const Returned& r : {x.closed(), x.newton()}) {
+    for (const Returned<>& r : {x.closed(), x.newton()}) {
       ASSERT_EQ(r.tau, x.tau_trial);
       ASSERT_EQ(r.gamma_dot, 0);
     }
@@ -110,7 +112,7 @@ TEST(ReturnRational, TheRootSurvivesATrialAtTheUpperStrength) {
     State x{
         {0.38, 0.64, 0.279}, {1e-3, 2500}, 0, 1e3 * (1 + uniform(random)), 1e-16, 0.3 * uniform(random), 0};
     x.tau_trial = x.S2() * (1 + (uniform(random) - 0.5) * 1e-14);
-    const Returned r = x.closed();
+    const Returned<> r = x.closed();
     ASSERT_TRUE(std::isfinite(r.tau));
     ASSERT_GE(r.gamma_dot, 0);
     // At a trial of S2 exactly, tau = S2 - sqrt(alpha (S2 - S0)) to leading order; the trial is 0.5e-14
@@ -121,7 +123,7 @@ TEST(ReturnRational, TheRootSurvivesATrialAtTheUpperStrength) {
 }
 
 TEST(ReturnRational, WithoutPressureOnlyCohesionIsLeft) {
-  const Returned r = return_rational({0.38, 0.64, 0.279}, {1e-3, 2500}, 50, 0, 1, 0, 20);
+  const Returned<> r = return_rational({0.38, 0.64, 0.279}, {1e-3, 2500}, 50.0, 0, 1, 0, 20);
   EXPECT_NEAR(r.tau, 20, 20 * 4 * eps);
   EXPECT_NEAR(r.gamma_dot, 30, 30 * 4 * eps);
 }
@@ -129,7 +131,7 @@ TEST(ReturnRational, WithoutPressureOnlyCohesionIsLeft) {
 TEST(ReturnRational, AStrengthBelowZeroIsNone) {
   // mu_l + beta = 0.38 - 0.5: a stress of the other sign would push the particle the way it came from.
   State x{{0.38, 0.40, 0.279}, {1e-3, 2500}, 100, 1000, 10, -0.5, 0};
-  for (const Returned& r : {x.closed(), x.newton()}) {
+  for (const Returned<>& r : {x.closed(), x.newton()}) {
     EXPECT_EQ(r.tau, 0);
     EXPECT_NEAR(r.gamma_dot, 10, 10 * 4 * eps);  // all of the trial went into shear
   }
@@ -172,7 +174,7 @@ TEST(Return, ANaNIsNeverTakenForAnElasticState) {
     check(
         "rho_s", [](State& x) { x.grains.rho_s = nan_value; }, flows);
   }
-  const Returned r = return_by_newton(2.0, 1.0, [](double g) { return g > 0 ? nan_value : 1.0; });
+  const Returned<> r = return_by_newton(2.0, 1.0, [](double g) { return g > 0 ? nan_value : 1.0; });
   EXPECT_TRUE(std::isnan(r.tau) && std::isnan(r.gamma_dot));
 }
 
@@ -218,7 +220,7 @@ TEST(ReturnByNewton, WithEvolvingDilationTheStateIsConsistent) {
     const double tau_trial = (0.1 + strength(0.0) / p) * p * (1 + std::pow(10, -6 + 8 * uniform(random)));
     if (!(tau_trial > 0)) continue;
     evaluations = 0;
-    const Returned r = return_by_newton(tau_trial, G_dt, strength);
+    const Returned<> r = return_by_newton(tau_trial, G_dt, strength);
     evaluations_at_most = std::max(evaluations_at_most, evaluations);
     evaluations_in_all += evaluations;
     ++states;
@@ -254,6 +256,66 @@ TEST(ReturnByNewton, DenseIsStrongerAndLooseIsWeaker) {
   EXPECT_LT(tau_from(0.56), tau_from(0.585) - 80);
 }
 
+TEST(ReturnToYield, EachLaneOfAPackGetsItsOwn) {
+  // Four states a pack: elastic, flowing, without pressure, without stress, with a strength below zero, NaN,
+  // in any mixture.
+  std::mt19937 random(11);
+  std::vector<State> states;
+  for_many_states(20000, [&](State x) {
+    switch (random() % 8) {
+      case 0:
+        x.tau_trial = 0.5 * x.S0();
+        break;
+      case 1:
+        x.p = 0;
+        break;
+      case 2:
+        x.tau_trial = 0;
+        break;
+      case 3:
+        x.beta = -2;
+        break;
+      case 4:
+        (random() % 2 ? x.p : x.tau_trial) = nan_value;
+        break;
+      default:
+        break;
+    }
+    states.push_back(x);
+  });
+  const auto pack_of = [&](std::size_t first, auto number) {
+    return Pack::lane_by_lane([&](std::size_t lane) { return number(states[first + lane]); });
+  };
+  const auto check = [&](const auto& law) {
+    for (std::size_t first = 0; first < states.size(); first += Pack::width) {
+      const State& x = states[first];  // its grains, G dt and cohesion for all four
+      const Pack p = pack_of(first, [](const State& y) { return y.p; });
+      const Pack tau = pack_of(first, [](const State& y) { return y.tau_trial; });
+      const Pack beta = pack_of(first, [](const State& y) { return y.beta; });
+      const Returned<Pack> all = return_to_yield(law, x.grains, tau, p, x.G_dt, beta, x.cohesion);
+      for (std::size_t lane = 0; lane < Pack::width; ++lane) {
+        const Returned<> one =
+            return_to_yield(law, x.grains, tau[lane], p[lane], x.G_dt, beta[lane], x.cohesion);
+        ASSERT_EQ(std::isnan(all.tau[lane]), std::isnan(one.tau));
+        ASSERT_EQ(std::isnan(all.gamma_dot[lane]), std::isnan(one.gamma_dot));
+        if (std::isnan(p[lane]) || std::isnan(tau[lane])) {
+          ASSERT_TRUE(std::isnan(one.tau) && std::isnan(one.gamma_dot));
+          continue;
+        }
+        // The same operations, of which some are fused in one and not in the other; the rate is G dt times
+        // less well known than the difference of trial and strength.
+        ASSERT_NEAR(all.tau[lane], one.tau, 16 * eps * one.tau);
+        ASSERT_NEAR(x.G_dt * all.gamma_dot[lane], x.G_dt * one.gamma_dot,
+                    16 * eps * (tau[lane] + p[lane] + x.cohesion));
+        ASSERT_EQ(all.gamma_dot[lane] == 0, one.gamma_dot == 0);
+      }
+    }
+  };
+  check(RationalFriction<double>{0.38, 0.64, 0.279});
+  check(RationalRateFriction<double>{0.38, 0.64, 12});
+  check(ConstantFriction<double>{0.4});
+}
+
 // ---- every member of the family
 
 // Plain bisection in long double and in the logarithm of the rate, on the formulas written out again.
@@ -270,20 +332,20 @@ long double stress_by_bisection(const State& x, const Mu& mu) {
 }
 
 template <class Law>
-Returned newton_of(const Law& law, const State& x) {
+Returned<> newton_of(const Law& law, const State& x) {
   return return_by_newton(x.tau_trial, x.G_dt,
                           [&](double g) { return strength(law, x.grains, g, x.p, x.beta, x.cohesion); });
 }
 template <class Law>
-Returned returned_of(const Law& law, const State& x) {
+Returned<> returned_of(const Law& law, const State& x) {
   return return_to_yield(law, x.grains, x.tau_trial, x.p, x.G_dt, x.beta, x.cohesion);
 }
 
 TEST(ReturnToYield, ClosedFormsAgreeWithNewton) {
   for_many_states(20000, [](const State& x) {
     const auto check = [&](const auto& law) {
-      const Returned closed = returned_of(law, x);
-      const Returned newton = newton_of(law, x);
+      const Returned<> closed = returned_of(law, x);
+      const Returned<> newton = newton_of(law, x);
       ASSERT_TRUE(std::isfinite(closed.tau) && std::isfinite(closed.gamma_dot));
       // 1e-12 is what the coupling may rely on, a thousand times the rounding of either side.
       ASSERT_NEAR(newton.tau, closed.tau, 1e-12 * closed.tau);
@@ -300,16 +362,16 @@ TEST(ReturnToYield, ClosedFormsAgreeWithNewton) {
 TEST(ReturnToYield, ByHand) {
   // The example of return_rational above, with d/sqrt(p/rho) = 1 s: there I is the rate, so D* is 1/s as
   // well.
-  const Returned rate = return_to_yield(RationalRateFriction<double>{0.4, 0.8, 1}, {7, 3}, 1.6, 1, 1, 0, 0);
+  const Returned<> rate = return_to_yield(RationalRateFriction<double>{0.4, 0.8, 1}, {7, 3}, 1.6, 1, 1, 0, 0);
   EXPECT_NEAR(rate.tau, 0.6, 4 * eps);
   EXPECT_NEAR(rate.gamma_dot, 1, 8 * eps);
-  const Returned constant = return_to_yield(ConstantFriction<double>{0.4}, {7, 3}, 1.6, 2, 0.5, 0.1, 0.25);
+  const Returned<> constant = return_to_yield(ConstantFriction<double>{0.4}, {7, 3}, 1.6, 2, 0.5, 0.1, 0.25);
   EXPECT_NEAR(constant.tau, 1.25, 4 * eps);  // (0.4 + 0.1) 2 + 0.25
   EXPECT_NEAR(constant.gamma_dot, 0.7, 8 * eps);
-  const Returned inside = return_to_yield(ConstantFriction<double>{0.4}, {7, 3}, 1.2, 2, 0.5, 0.1, 0.25);
+  const Returned<> inside = return_to_yield(ConstantFriction<double>{0.4}, {7, 3}, 1.2, 2, 0.5, 0.1, 0.25);
   EXPECT_EQ(inside.tau, 1.2);
   EXPECT_EQ(inside.gamma_dot, 0);
-  const Returned none = return_to_yield(ConstantFriction<double>{0.4}, {7, 3}, 1.2, 2, 0.5, -0.5, 0);
+  const Returned<> none = return_to_yield(ConstantFriction<double>{0.4}, {7, 3}, 1.2, 2, 0.5, -0.5, 0);
   EXPECT_EQ(none.tau, 0);
   EXPECT_EQ(none.gamma_dot, 2.4);
 }
@@ -331,8 +393,8 @@ TEST(ReturnToYield, AsThePressureVanishes) {
             const double largest = 0.7 * p + cohesion;
             for (const double G_dt : {1e-6, 1.0, 1e4}) {
               const State x{{}, {1e-3, 2500}, largest * (1 + over), p, G_dt, beta, cohesion};
-              const Returned r = returned_of(law, x);
-              const Returned newton = newton_of(law, x);
+              const Returned<> r = returned_of(law, x);
+              const Returned<> newton = newton_of(law, x);
               ASSERT_TRUE(std::isfinite(r.tau) && std::isfinite(r.gamma_dot)) << p;
               ASSERT_GE(r.tau, 0);
               ASSERT_LE(r.tau, x.tau_trial);
@@ -347,7 +409,7 @@ TEST(ReturnToYield, AsThePressureVanishes) {
     // p = 0 exactly: the cohesion, and nothing else.
     for (const double cohesion : {0.0, 1e-200, 20.0}) {
       const State x{{}, {1e-3, 2500}, 2 * cohesion + 1, 0, 10, 0.1, cohesion};
-      for (const Returned& r : {returned_of(law, x), newton_of(law, x)}) {
+      for (const Returned<>& r : {returned_of(law, x), newton_of(law, x)}) {
         ASSERT_NEAR(r.tau, cohesion, 4 * eps * x.tau_trial);
         ASSERT_NEAR(r.gamma_dot, (x.tau_trial - cohesion) / 10, 8 * eps * x.tau_trial);
       }
@@ -362,7 +424,7 @@ TEST(ReturnToYield, WithStrongCohesion) {
       EXPECT_EQ(returned_of(law, x).tau, x.tau_trial);
       EXPECT_EQ(returned_of(law, x).gamma_dot, 0);
       x.tau_trial = 2 * cohesion;
-      const Returned r = returned_of(law, x);
+      const Returned<> r = returned_of(law, x);
       const double expected = strength(law, x.grains, r.gamma_dot, x.p, x.beta, x.cohesion);
       EXPECT_NEAR(r.tau, expected, 1e-12 * expected);
       EXPECT_NEAR(newton_of(law, x).tau, r.tau, 1e-12 * r.tau);
@@ -402,7 +464,7 @@ TEST(ReturnByNewton, WithoutAYieldStressItFindsTheCreep) {
       for (double G_dt = p * 1e-8; G_dt < p * 1e3; G_dt *= 30) {
         const State x{{}, grains, ratio * p, p, G_dt, 0, 0};
         int evaluations = 0;
-        const Returned r = return_by_newton(x.tau_trial, G_dt, [&](double g) {
+        const Returned<> r = return_by_newton(x.tau_trial, G_dt, [&](double g) {
           ++evaluations;
           return strength(law, grains, g, p, 0, 0);
         });

@@ -7,6 +7,7 @@
 #include <random>
 #include <set>
 #include <utility>
+#include <vector>
 
 #include "sph/base/errors.hpp"
 #include "sph/neighbours.hpp"
@@ -126,6 +127,88 @@ TEST(Neighbours, AFarFlierDoesNotExhaustMemory) {
     for (const Neighbour n : list.all_of(list.cluster(k))) sees = sees || n.index() == 3;
     EXPECT_EQ(sees, k == 0);
   }
+}
+
+// Particles are moved further and further from where they were listed: before some pair is missing that has
+// come near, the list is worn out. Returns how far the fastest has moved by then.
+template <int Dim, class Displacement>
+double moved_until_worn_out(int periodic, bool walls_move, const Displacement& displacement) {
+  const double reach = 0.09, skin = 0.02;
+  const Particles<Dim> listed = cloud<Dim>(300, 360, 4);
+  Period<Dim> period;
+  for (int k = 0; k < periodic; ++k) period.length[k] = 1;
+  PairList list;
+  list.build(listed, period, reach, {});
+  Particles<Dim> q = listed;
+  double farthest = 0;
+  for (double t = 0; t < 0.3; t += 0.003) {
+    farthest = 0;
+    for (std::size_t i = 0; i < (walls_move ? q.size : q.interior); ++i) {
+      const Vec<Dim> u = t * displacement(i, listed.position(i));
+      farthest = std::max(farthest, norm(u));
+      Particles<Dim>::store(q.x, i, listed.position(i) + u);
+    }
+    if (list.worn_out(q, listed.x, skin, walls_move)) return farthest;
+    for (std::size_t a = 0; a < q.interior; ++a)
+      for (std::size_t b = 0; b < q.size; ++b) {
+        Vec<Dim> before = listed.position(a) - listed.position(b), now = q.position(a) - q.position(b);
+        for (int i = 0; i < periodic; ++i) {
+          const double image = std::round(before[i]);
+          before[i] -= image, now[i] -= image;
+        }
+        if (!(dot(now, now) < (reach - skin) * (reach - skin))) continue;
+        EXPECT_LT(norm(before), reach) << "a pair is missing at " << t;
+        if (testing::Test::HasFailure()) return farthest;
+      }
+  }
+  return farthest;
+}
+
+template <int Dim>
+void wears_out_in_time() {
+  std::mt19937 random(2);
+  std::normal_distribution<double> normal(0, 1);
+  std::vector<Vec<Dim>> direction(360);
+  for (Vec<Dim>& d : direction)
+    for (double& c : d.c) c = normal(random);
+  const auto shear = [](std::size_t, const Vec<Dim>& x) {
+    Vec<Dim> u;
+    u[0] = 0.3 * x[Dim - 1];
+    return u;
+  };
+  for (const bool walls_move : {false, true})
+    for (int periodic = 0; periodic < Dim; ++periodic) {
+      moved_until_worn_out<Dim>(periodic, walls_move, [&](std::size_t i, auto&&) { return direction[i]; });
+      moved_until_worn_out<Dim>(periodic, walls_move, shear);
+      moved_until_worn_out<Dim>(periodic, walls_move, [&](std::size_t i, const Vec<Dim>& x) {
+        return i == 7 ? direction[7] : shear(i, x);
+      });
+    }
+}
+
+TEST(Patches, WearOutBeforeAPairIsMissing) {
+  wears_out_in_time<2>();
+  wears_out_in_time<3>();
+}
+
+TEST(Patches, AFlowThatCarriesItsParticlesDoesNotWearThemOut) {
+  const auto along = [](std::size_t, auto&&) { return Vec<2>{{1, 0.5}}; };
+  EXPECT_GT(moved_until_worn_out<2>(2, true, along), 0.3) << "all move together";
+  EXPECT_LT(moved_until_worn_out<2>(2, false, along), 0.03) << "past walls that stand";
+  // Two patches of 1.5 reaches see 0.27 of the height, so the fastest moves 3.7 skins: with half of the skin
+  // for all it would be half a skin.
+  const auto shear = [](std::size_t, const Vec<2>& x) { return Vec<2>{{0.3 * x[1], 0}}; };
+  EXPECT_GT(moved_until_worn_out<2>(1, true, shear), 0.065);
+}
+
+TEST(Patches, ANaNWearsThemOut) {
+  const Particles<2> listed = cloud<2>(100, 120, 1);
+  PairList list;
+  list.build(listed, Period<2>{}, 0.1, {});
+  Particles<2> q = listed;
+  EXPECT_FALSE(list.worn_out(q, listed.x, 0.01, false));
+  q.x[1][57] = std::nan("");
+  EXPECT_TRUE(list.worn_out(q, listed.x, 0.01, false));
 }
 
 TEST(Neighbours, ClustersOfALatticeAreCompact) {

@@ -102,7 +102,8 @@ void stress_turns_with_the_body() {
     for (std::size_t i = 0; i < q.size; ++i) {
       if (q.lambda[i] < corrected_above) continue;
       // A law so strong that nothing yields.
-      update_stress(q, i, ElasticReturn{G}, ConstantFriction<double>{1e6}, NoDilation{}, {dt, grains, 0, 0});
+      update_stress(q, {i, 1}, ElasticReturn{G}, ConstantFriction<double>{1e6}, NoDilation{},
+                    {dt, grains, 0, 0});
     }
     if (step % (steps / 8) != 0) continue;
     // Hughes and Winget turn by 2 atan(omega dt/2) a step instead of omega dt.
@@ -123,8 +124,8 @@ void stress_turns_with_the_body() {
       a += s, b += s;
       largest_angle_error = std::max(largest_angle_error, std::sqrt(a.square()) / size);
       largest_turn_error = std::max(largest_turn_error, std::sqrt(b.square()) / size);
-      update_stress(direct, i, DirectStress{0.1}, RationalFriction<double>{0.38, 0.64, 0.279}, NoDilation{},
-                    {dt, grains, 0, 0});
+      update_stress(direct, {i, 1}, DirectStress{0.1}, RationalFriction<double>{0.38, 0.64, 0.279},
+                    NoDilation{}, {dt, grains, 0, 0});
       largest_direct = std::max(largest_direct, equivalent_stress(direct.deviator(i)) / (0.38 * q.p[i]));
     }
   }
