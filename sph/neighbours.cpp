@@ -360,22 +360,50 @@ std::uint64_t spread(std::uint64_t bits) {
   }
 }
 
+/// Place of a cell along Hilbert's curve through 2^bits cells a side (Skilling, AIP Conf. Proc. 707, 381,
+/// 2004): cells that follow each other share a face, at any scale.
+template <int Dim>
+std::uint64_t along_curve(std::array<std::uint64_t, std::size_t{Dim}> x, int bits) {
+  const std::uint64_t top = std::uint64_t{1} << static_cast<unsigned>(bits - 1);
+  for (std::uint64_t bit = top; bit > 1; bit /= 2)
+    for (std::uint64_t& axis : x) {
+      const std::uint64_t swapped =
+          axis & bit ? bit - 1 : 0;  // inverts the first axis, or swaps it with this
+      const std::uint64_t exchanged = (x[0] ^ axis) & (bit - 1) & ~swapped;
+      x[0] ^= swapped | exchanged;
+      axis ^= exchanged;
+    }
+  for (std::size_t k = 1; k < Dim; ++k) x[k] ^= x[k - 1];
+  std::uint64_t gray = 0;
+  for (std::uint64_t bit = top; bit > 1; bit /= 2)
+    if (x[Dim - 1] & bit) gray ^= bit - 1;
+  std::uint64_t place = 0;
+  for (std::size_t k = 0; k < Dim; ++k) place |= spread<Dim>(x[k] ^ gray) << (Dim - 1 - k);
+  return place;
+}
+
 }  // namespace
 
 template <int Dim>
 std::vector<std::int32_t> spatial_order(const Particles<Dim>& particles, double cell) {
-  constexpr int bits = Dim == 2 ? 31 : 20;
-  std::vector<std::pair<std::uint64_t, std::int32_t>> keys(particles.size);
-  for (std::size_t i = 0; i < particles.size; ++i) keys[i] = {0, static_cast<std::int32_t>(i)};
-  for (std::size_t k = 0; k < Dim; ++k) {
-    const std::vector<double>& x = particles.x[k];
+  constexpr int most_bits = Dim == 2 ? 31 : 20;
+  std::array<double, std::size_t{Dim}> low{};
+  double largest = 1;
+  for (std::size_t k = 0; k < Dim && particles.size > 0; ++k) {
+    const auto [first, last] = std::minmax_element(particles.x[k].begin(), particles.x[k].end());
     // Half a cell before the first: particles of a lattice lie in the middle of their cells.
-    const double low = x.empty() ? 0 : *std::min_element(x.begin(), x.end()) - 0.5 * cell;
-    for (std::size_t i = 0; i < particles.size; ++i) {
-      const double at = std::clamp((x[i] - low) / cell, 0.0, std::ldexp(1.0, bits) - 1);
-      keys[i].first |= spread<Dim>(static_cast<std::uint64_t>(at)) << k;
-    }
+    low[k] = *first - 0.5 * cell;
+    largest = std::max(largest, (*last - low[k]) / cell);
   }
+  const int bits = std::min(most_bits, 1 + std::ilogb(std::min(largest, std::ldexp(1.0, most_bits))));
+  std::vector<std::pair<std::uint64_t, std::int32_t>> keys(particles.size);
+  for_particles(0, particles.size, [&](std::size_t i) {
+    std::array<std::uint64_t, std::size_t{Dim}> at;
+    for (std::size_t k = 0; k < Dim; ++k)
+      at[k] = static_cast<std::uint64_t>(
+          std::clamp((particles.x[k][i] - low[k]) / cell, 0.0, std::ldexp(1.0, bits) - 1));
+    keys[i] = {along_curve<Dim>(at, bits), static_cast<std::int32_t>(i)};
+  });
   const auto middle = keys.begin() + static_cast<std::ptrdiff_t>(particles.interior);
   std::sort(keys.begin(), middle);
   std::sort(middle, keys.end());

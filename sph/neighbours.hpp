@@ -184,7 +184,7 @@ class PairList {
 };
 
 /// Order in which particles lie close in memory when they are close in space: interior and walls each along a
-/// Morton curve over cells (of about one spacing: then clusters are compact).
+/// Hilbert curve over cells (of about one spacing: then clusters are compact).
 template <int Dim>
 std::vector<std::int32_t> spatial_order(const Particles<Dim>& particles, double cell);
 

@@ -23,7 +23,7 @@ struct FlowSetup {
   double dx = 0;           ///< spacing of the initial lattice [m]
   double h = 0;            ///< smoothing length [m]
   double step_factor = 1;  ///< on all bounds of Eq. 5.28
-  double skin = 0.1;       ///< of the Verlet list, as a fraction of the support
+  double skin = 0.05;      ///< of the Verlet list, as a fraction of the support
   Vec<Dim> gravity;
   Geometry<Dim> geometry;        ///< as the case has it, without particles
   std::vector<Wall<Dim>> walls;  ///< of it, where they are now

@@ -212,7 +212,7 @@ TEST(Patches, ANaNWearsThemOut) {
 }
 
 TEST(Neighbours, ClustersOfALatticeAreCompact) {
-  // 16 x 16 points, shuffled: along the Morton curve every cluster is a square of 2 x 2.
+  // 16 x 16 points, shuffled: along the curve every cluster is a square of 2 x 2.
   Particles<2> q;
   q.resize(256, 256);
   std::vector<std::size_t> place(256);
