@@ -33,6 +33,7 @@ constexpr double checkpoint_every = 60;  // wall seconds, at most; the first aft
 constexpr double doubtful_mach = 0.3;     // |v|/c above which flow is no longer slow against sound
 constexpr double doubtful_energy = 0.05;  // of all energy that was turned over, not accounted for
 constexpr double doubtful_share = 0.03;   // "more than a few per cent" of the flowing mass, in a number
+constexpr double doubtful_creep = 0.01;   // of H, that something at rest moved
 constexpr double least_rows = 4;          // of particles over the height: fewer are all surface
 
 double cpu_seconds() {
@@ -429,6 +430,21 @@ class Run {
                                             std::abs(b.elastic - initially("elastic")) + b.dissipated);
   }
 
+  /// How far front and centre height went in the second half of the run, over H; 0 if that half did not begin
+  /// at rest.
+  double moved_at_rest() const {
+    const auto values = [&](const char* name) { return record_.series.at(name).get<std::vector<double>>(); };
+    const std::vector<double> time = values("time"), front = values("front_99"),
+                              height = values("centre_height");
+    const auto half = static_cast<std::size_t>(std::lower_bound(time.begin(), time.end(), 0.5 * time.back()) -
+                                               time.begin());
+    const double initial = record_.initial_budgets.at("potential").get<double>();
+    if (!at_rest(time[half], values("kinetic_energy")[half], initial, setup_.length_scale,
+                 norm(setup_.gravity)))
+      return 0;
+    return std::max(std::abs(front.back() - front[half]), std::abs(height.back() - height[half])) /
+           setup_.length_scale;
+  }
   double mean_pressure() const {
     const Frame frame = flow_->frame();
     const std::vector<double>& p = frame.field("p").values;
@@ -499,6 +515,12 @@ class Run {
                        direct->gamma_dot_min));
     if (!std::visit([](const auto& law) { return law.has_yield_stress; }, setup_.parts.friction))
       warn("creep", "this friction law has no yield stress at rest: what should stand creeps");
+    if (const double moved = moved_at_rest(); moved > doubtful_creep)
+      warn("creep",
+           fmt::format("in the second half of the run front or height moved by {:.1f} % of H, though the "
+                       "kinetic energy was that of rest: density diffusion moves what stands, at a rate in "
+                       "proportion to h/c; use a finer resolution or a smaller flow.mach",
+                       100 * moved));
     if (setup_.step_factor > 1)
       warn("time step", fmt::format("steps of {:g} times the bounds of Eq. 5.28", setup_.step_factor));
     return list;
