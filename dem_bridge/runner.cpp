@@ -227,8 +227,10 @@ EngineRun run_engine(const EngineJob& job, const fs::path& folder, const EngineL
     refuse(fmt::format("LIGGGHTS was ended at its time limit of {:.0f} s", limits.seconds));
   if (result.signal != 0) refuse(fmt::format("LIGGGHTS was killed by signal {}", result.signal));
   if (result.exit_code != 0) refuse(fmt::format("LIGGGHTS ended with code {}", result.exit_code));
-  if (!has_line(folder / output, job.sentinel))
+  if (!has_line(folder / output, job.sentinel)) {
+    if (stop_follows()) throw Interrupted("stopped on request; the same command resumes");
     refuse(fmt::format("LIGGGHTS never printed \"{}\"", job.sentinel));
+  }
   return {result.wall_seconds, result.cpu_seconds};
 }
 

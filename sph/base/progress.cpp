@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <csignal>
 #include <cstdio>
+#include <thread>
 
 namespace dem2sph {
 namespace {
@@ -31,6 +32,11 @@ void install_stop_handlers() {
   sigaction(SIGTERM, &action, nullptr);
 }
 bool stop_requested() noexcept { return stop_flag != 0; }
+bool stop_follows() {
+  for (int wait = 0; wait < 25 && !stop_requested(); ++wait)
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  return stop_requested();
+}
 
 Progress::Progress(std::string title, bool quiet)
     : title_(std::move(title)),

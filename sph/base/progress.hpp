@@ -34,5 +34,7 @@ class Progress {
 /// SIGINT and SIGTERM set a flag that long work asks for; work then saves its state and throws Interrupted.
 void install_stop_handlers();
 bool stop_requested() noexcept;
+/// The same, after up to half a second in which a stop that was sent to every process may still come.
+bool stop_follows();
 
 }  // namespace dem2sph

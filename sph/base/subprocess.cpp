@@ -159,11 +159,8 @@ SubprocessResult run_subprocess(const std::vector<std::string>& arguments, const
     pause = std::min(2 * pause, std::chrono::milliseconds(50));
   }
   if (asked_to_end >= 0) ::kill(-child, SIGKILL);  // what the child itself had started and left behind
-  if (asked_to_end < 0 && ended_by_stop(status)) {
-    // Whoever stopped the child may be stopping every process there is, and our turn comes a moment later.
-    for (int wait = 0; wait < 25 && !stop_requested(); ++wait)
-      std::this_thread::sleep_for(std::chrono::milliseconds(20));
-  }
+  // Whoever stopped the child may be stopping every process there is, and our turn comes a moment later.
+  if (asked_to_end < 0 && ended_by_stop(status)) stop_follows();
   // A child that broke down while we are asked to stop says nothing about its work.
   const bool clean = WIFEXITED(status) && WEXITSTATUS(status) == 0;
   if (!result.timed_out && !clean && stop_requested()) result.stopped = true;

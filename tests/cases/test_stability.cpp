@@ -50,7 +50,7 @@ TEST_F(Stability, SomeAxesOfTheSolver) {
     EXPECT_TRUE(fs::exists(in("out") / fs::path(file)));
   // What is done is taken from the folder.
   const json before = read_json(in("out/stability.json"));
-  EXPECT_EQ(with("drop").code, 0);
+  EXPECT_EQ(with("thin_bed").code, 0);  // the last of them
   EXPECT_EQ(read_json(in("out/stability.json")).at("solver"), before.at("solver"));
   const Outcome outcome = with("particles");
   EXPECT_EQ(outcome.code, 2);
