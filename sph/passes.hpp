@@ -243,9 +243,6 @@ void gradient_pass(Particles<Dim>& q, const Surroundings<Dim>& around, const Ker
           for (int k = 0; k < Dim; ++k) exact(i, j) += l(i, k) * B(k, j);
       l = exact;
     }
-    // Only what flows is smoothed: in what stands, damping ends all noise, and diffusion would move it for
-    // ever (README.md).
-    if constexpr (is_diffusive<Density>) rate = select(a.load(q.gamma_dot) > Pack(0), rate, Pack(0));
     if constexpr (!is_summed<Density>) {
       if constexpr (!std::is_same_v<Density, ContinuityMonaghan1994>) rate -= rho_a * l.trace();
       a.store(q.rho_rate, rate);

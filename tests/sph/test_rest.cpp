@@ -75,42 +75,5 @@ TEST(Rest, SourceCarriesItsWeightToo) {
   EXPECT_NEAR(force / (flow->budgets().mass * 9.81), 1, 0.02);
 }
 
-// A pile at 0.73 of its angle of repose, ten rows high: from 20 to 100 sqrt(H/g) no particle may creep. Bar:
-// 0.05 of a spacing. With density diffusion in what stands, the foot went 0.13 spacings and never stopped.
-TEST(Rest, PileDoesNotCreep) {
-  const CaseFile file = case_of(R"(
-[flow]
-scene = "heap"
-resolution = 10
-end_time = "5 s"
-[heap]
-height = "0.02 m"
-angle = "15 deg"
-[law]
-d = "1 mm"
-rho_s = "2500 kg/m^3"
-mu_l = 0.365
-mu_h = 0.897
-D_star = 0.696
-phi_c = 0.593
-)");
-  const auto flow = flow_of<2>(file);
-  const double tau = std::sqrt(0.02 / 9.81);
-  const auto places = [&] {
-    std::map<double, std::array<double, 2>> result;
-    const Frame frame = flow->frame();
-    const auto &x = frame.field("x").values, &id = frame.field("id").values;
-    for (std::size_t i = 0; i < flow->interior(); ++i) result[id[i]] = {x[3 * i], x[3 * i + 1]};
-    return result;
-  };
-  run_until(*flow, 20 * tau);
-  const auto before = places();
-  run_until(*flow, 100 * tau);
-  double farthest = 0;
-  for (const auto& [id, x] : places())
-    farthest = std::max(farthest, std::hypot(x[0] - before.at(id)[0], x[1] - before.at(id)[1]));
-  EXPECT_LT(farthest, 0.05 * 0.002);
-}
-
 }  // namespace
 }  // namespace dem2sph
