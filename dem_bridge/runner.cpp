@@ -220,6 +220,9 @@ EngineRun run_engine(const EngineJob& job, const fs::path& folder, const EngineL
   const SubprocessResult result = run_subprocess(command, options);
   if (result.stopped) throw Interrupted("stopped on request; the same command resumes");
   const auto refuse = [&](const std::string& what) {
+    // Whoever stops every process makes the engine fail in any manner of ways, and our turn comes a moment
+    // later.
+    if (stop_follows()) throw Interrupted("stopped on request; the same command resumes");
     throw EngineError(fmt::format("{}; the engine's last words: {}", what, printable_tail(folder / output)));
   };
   if (!result.found) throw EngineError(missing_engine());
@@ -227,10 +230,8 @@ EngineRun run_engine(const EngineJob& job, const fs::path& folder, const EngineL
     refuse(fmt::format("LIGGGHTS was ended at its time limit of {:.0f} s", limits.seconds));
   if (result.signal != 0) refuse(fmt::format("LIGGGHTS was killed by signal {}", result.signal));
   if (result.exit_code != 0) refuse(fmt::format("LIGGGHTS ended with code {}", result.exit_code));
-  if (!has_line(folder / output, job.sentinel)) {
-    if (stop_follows()) throw Interrupted("stopped on request; the same command resumes");
+  if (!has_line(folder / output, job.sentinel))
     refuse(fmt::format("LIGGGHTS never printed \"{}\"", job.sentinel));
-  }
   return {result.wall_seconds, result.cpu_seconds};
 }
 
